@@ -1,0 +1,61 @@
+/* Integers, attributes and small helpers shared by lib/ and ports/. The only place for compiler
+ * extensions. */
+#ifndef LULL_BASE_H
+#define LULL_BASE_H
+
+#include <stddef.h>
+#include <stdint.h>
+#include <string.h> /* memcpy memmove memset memcmp: all that lib/ and ports/ use of libc */
+
+#include "lull.h"
+
+#if defined(__GNUC__)
+#define LULL_INLINE static inline __attribute__((always_inline, unused))
+#define LULL_RESTRICT __restrict__
+#define LULL_ALIGNED(n) __attribute__((aligned(n)))
+#else
+#define LULL_INLINE static inline
+#define LULL_RESTRICT
+#define LULL_ALIGNED(n)
+#endif
+
+#if defined(__BYTE_ORDER__) && __BYTE_ORDER__ == __ORDER_BIG_ENDIAN__
+#define LULL_BIG_ENDIAN 1
+#else
+#define LULL_BIG_ENDIAN 0
+#endif
+
+LULL_INLINE size_t lull_align_up(size_t n, size_t to) { return (n + to - 1) / to * to; }
+LULL_INLINE unsigned lull_min_u(unsigned a, unsigned b) { return a < b ? a : b; }
+LULL_INLINE unsigned lull_max_u(unsigned a, unsigned b) { return a > b ? a : b; }
+
+/* Bit pattern of a float and back. */
+LULL_INLINE uint32_t lull_bits(float f)
+{
+    uint32_t u;
+    memcpy(&u, &f, sizeof u);
+    return u;
+}
+
+LULL_INLINE float lull_float(uint32_t u)
+{
+    float f;
+    memcpy(&f, &u, sizeof f);
+    return f;
+}
+
+/* 1 if f is a NaN, whatever floating-point options the compiler was given. */
+LULL_INLINE int lull_is_nan(float f) { return (lull_bits(f) & 0x7fffffffu) > 0x7f800000u; }
+
+/* Little-endian loads from any address. */
+LULL_INLINE uint16_t lull_load_u16(const uint8_t *p) { return (uint16_t)(p[0] | p[1] << 8); }
+LULL_INLINE uint32_t lull_load_u32(const uint8_t *p)
+{
+    return lull_load_u16(p) | (uint32_t)lull_load_u16(p + 2) << 16;
+}
+LULL_INLINE uint64_t lull_load_u64(const uint8_t *p)
+{
+    return lull_load_u32(p) | (uint64_t)lull_load_u32(p + 4) << 32;
+}
+
+#endif

@@ -1,0 +1,29 @@
+/* Rows of the caller's images to rows of floats and back. Stateless; never touches bytes outside the
+ * pixels of the columns asked for. */
+#ifndef LULL_IMAGE_H
+#define LULL_IMAGE_H
+
+#include "base.h"
+
+/* IEEE 754 half to float (exact) and float to half (round to nearest even, overflow to infinity). */
+float lull_half_to_float(uint16_t h);
+uint16_t lull_float_to_half(float f);
+
+/* Bytes of one pixel, and the strides with the defaults filled in. */
+size_t lull_image_pixel_bytes(const lull_image *image);
+size_t lull_image_pixel_stride(const lull_image *image);
+size_t lull_image_row_stride(const lull_image *image, unsigned width);
+
+/* Columns [x, x+n) of row y into out[0..3n) as (r,g,b) floats, unchanged (NaN and infinities too).
+ * `width`: of the whole image, for the default row stride. */
+void lull_image_load(float *out, const lull_image *image, unsigned width, unsigned x, unsigned y,
+                     unsigned n);
+
+/* in[0..3n) to columns [x, x+n) of row y: the first 1..3 channels of each pixel. */
+void lull_image_store(const lull_image *image, unsigned width, unsigned x, unsigned y, unsigned n,
+                      const float *in);
+
+/* In place, n values: *scale, NaN -> 0, clamp to [lo, hi]; the order of oidn's input processing. */
+void lull_sanitize(float *values, size_t n, float scale, float lo, float hi);
+
+#endif
