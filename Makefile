@@ -1,0 +1,264 @@
+# lull: the reference build. Needs GNU make and a C99 compiler, nothing else.
+#
+#   make                the libraries and the tools, in build/
+#   make demo           denoises demo/ and says what it did
+#   make check          every test (as root it installs the Debian packages that they need)
+#   make install        DESTDIR= prefix=/usr/local libdir= includedir= ...
+#   make help           all targets and settings
+#
+# Settings: CC, HOSTCC (compiler of build-time tools when cross compiling), CFLAGS and LDFLAGS (added
+# last), OPT=-O3, WERROR=1, SAN=address,undefined (in a build folder of its own), BUILD=folder, and
+# OPENEXR=0, PNG=0, OPENCL=0, THREADS=0 to leave an optional part out. The .mk files list the sources.
+
+ifeq ($(origin CC),default)
+CC := cc
+endif
+HOSTCC ?= cc
+AR ?= ar
+PKG_CONFIG ?= pkg-config
+OPT ?= -O3
+WERROR ?= 0
+SAN ?=
+THREADS ?= 1
+PYTHON ?= python3
+
+comma := ,
+empty :=
+space := $(empty) $(empty)
+ifneq ($(SAN),)
+BUILD ?= build/san-$(subst $(comma),-,$(SAN))
+endif
+BUILD ?= build
+
+include lib/sources.mk ports/sources.mk oidn/sources.mk apps/sources.mk
+TESTS :=
+include $(sort $(wildcard tests/*/sources.mk))
+
+# ---- What the compiler makes code for ------------------------------------------------------------
+
+MACHINE := $(shell $(CC) $(CFLAGS) -dumpmachine 2>/dev/null)
+ifeq ($(MACHINE),)
+$(error '$(CC)' is not a working C compiler: install one (Debian: apt-get install gcc) or set CC)
+endif
+CPU := $(firstword $(subst -, ,$(MACHINE)))
+ARCH := other
+ifneq ($(filter x86_64 amd64 i386 i486 i586 i686,$(CPU)),)
+ARCH := x86
+else ifneq ($(filter aarch64 arm64,$(CPU)),)
+ARCH := arm64
+else ifneq ($(filter arm armv7%,$(CPU)),)
+ARCH := arm32
+endif
+SYSTEM := elf
+ifneq ($(findstring darwin,$(MACHINE)),)
+SYSTEM := darwin
+else ifneq ($(findstring mingw,$(MACHINE)),)
+SYSTEM := windows
+endif
+
+# 1 if the compiler takes these flags.
+takes = $(shell echo 'int lull_probe;' | $(CC) $(CFLAGS) $(1) -Werror -x c -c -o /dev/null - \
+        >/dev/null 2>&1 && echo 1)
+
+port_flags = $(PORT_$(1)_FLAGS) $(PORT_$(1)_FLAGS_$(ARCH))
+port_built = $(if $(strip $(PORT_$(1)_SOURCES)),$(if $(filter any $(ARCH),$(PORT_$(1)_ARCH)),$(if \
+             $(strip $(port_flags)),$(call takes,$(port_flags)),1)))
+PORTS := $(foreach g,$(PORT_GROUPS),$(if $(call port_built,$(g)),$(g)))
+PORT_SOURCES := $(foreach g,$(PORTS),$(PORT_$(g)_SOURCES))
+
+# ---- Optional parts ------------------------------------------------------------------------------
+
+# $(call part,setting,pkg-config module): 1 if wanted and found
+part = $(if $(filter 0,$($(1))),0,$(if $(shell $(PKG_CONFIG) --exists '$(2)' 2>/dev/null && echo 1),1,0))
+WITH_OPENEXR := $(call part,OPENEXR,OpenEXR >= 3.1)
+WITH_PNG := $(call part,PNG,libpng)
+WITH_OPENCL := $(call part,OPENCL,OpenCL)
+WITH_THREADS := $(if $(filter 0,$(THREADS)),0,1)
+
+ifeq ($(WITH_OPENEXR),1)
+OPENEXR_CFLAGS := $(shell $(PKG_CONFIG) --cflags OpenEXR)
+OPENEXR_LIBS := $(shell $(PKG_CONFIG) --libs-only-L OpenEXR) -lOpenEXRCore
+endif
+ifeq ($(WITH_PNG),1)
+PNG_CFLAGS := $(shell $(PKG_CONFIG) --cflags libpng)
+PNG_LIBS := $(shell $(PKG_CONFIG) --libs libpng)
+endif
+ifeq ($(WITH_OPENCL),1)
+OPENCL_CFLAGS := $(shell $(PKG_CONFIG) --cflags OpenCL)
+OPENCL_LIBS := $(shell $(PKG_CONFIG) --libs OpenCL)
+endif
+
+# ---- Flags ---------------------------------------------------------------------------------------
+
+WARNINGS := -Wall -Wextra -Wundef -Wshadow -Wvla -Wstrict-prototypes -Wmissing-prototypes
+ifneq ($(WERROR),0)
+WARNINGS += -Werror
+endif
+ifneq ($(SAN),)
+SAN_FLAGS := -fsanitize=$(SAN) -fno-sanitize-recover=all -fno-omit-frame-pointer -g
+endif
+# Equal results on every CPU: no fused multiply-add behind our back, and no x87 registers.
+EXACT := -ffp-contract=off
+ifneq ($(filter i386 i486 i586 i686,$(CPU))$(filter -m32,$(CC) $(CFLAGS)),)
+ifeq ($(ARCH),x86)
+EXACT += -msse2 -mfpmath=sse
+endif
+endif
+ifneq ($(SYSTEM),windows)
+PIC := -fPIC
+endif
+DEFINES := -DLULL_WITH_OPENEXR=$(WITH_OPENEXR) -DLULL_WITH_PNG=$(WITH_PNG) \
+           -DLULL_WITH_OPENCL=$(WITH_OPENCL) -DLULL_WITH_THREADS=$(WITH_THREADS) \
+           $(foreach g,$(PORT_GROUPS),-DLULL_WITH_$(g)=$(if $(filter $(g),$(PORTS)),1,0))
+BASE_FLAGS = -std=c99 $(OPT) $(EXACT) $(WARNINGS) -fvisibility=hidden $(PIC) $(SAN_FLAGS) $(DEFINES)
+# lib/ and ports/ call nothing of libc but mem*: no stack protector, no _chk variants.
+CORE_FLAGS := -fno-stack-protector -U_FORTIFY_SOURCE $(if $(call takes,-fstack-usage),-fstack-usage)
+HOSTED_FLAGS := -D_POSIX_C_SOURCE=200809L -Ilib -Ioidn/include $(if $(filter 1,$(WITH_THREADS)),-pthread)
+THREAD_LIBS := $(if $(filter 1,$(WITH_THREADS)),-pthread)
+
+# ---- What is built -------------------------------------------------------------------------------
+
+object = $(patsubst %.c,$(BUILD)/obj/%.o,$(1))
+LIB_OBJECTS := $(call object,$(LIB_SOURCES) $(PORT_SOURCES))
+OIDN_OBJECTS := $(call object,$(OIDN_SOURCES))
+APP_SOURCES := $(sort $(APP_COMMON_SOURCES) $(foreach a,$(APPS),$(APP_$(a)_SOURCES)))
+TEST_SOURCES := $(sort $(foreach t,$(TESTS),$(TEST_$(t)_SOURCES)))
+ifneq ($(wildcard weights/builtin.def),)
+WEIGHTS_OBJECTS := $(BUILD)/obj/weights.o
+endif
+FACADE_OBJECTS := $(LIB_OBJECTS) $(OIDN_OBJECTS) $(WEIGHTS_OBJECTS)
+
+EXE := $(if $(filter windows,$(SYSTEM)),.exe)
+LIBLULL := $(BUILD)/lib/liblull.a
+LIBOIDN := $(BUILD)/lib/libOpenImageDenoise.a
+ifeq ($(SYSTEM),darwin)
+SONAME := libOpenImageDenoise.2.dylib
+SOLINK := libOpenImageDenoise.dylib
+SOFLAGS := -dynamiclib -install_name @rpath/$(SONAME)
+else ifeq ($(SYSTEM),windows)
+SONAME := OpenImageDenoise.dll
+SOFLAGS := -shared -Wl,--out-implib,$(BUILD)/lib/libOpenImageDenoise.dll.a
+else
+SONAME := libOpenImageDenoise.so.2
+SOLINK := libOpenImageDenoise.so
+SOFLAGS := -shared -Wl,-soname,$(SONAME) -Wl,--gc-sections $(if $(SAN),,-Wl,-z,defs)
+endif
+SHARED := $(if $(strip $(OIDN_SOURCES)),$(BUILD)/lib/$(SONAME) $(if $(SOLINK),$(BUILD)/lib/$(SOLINK)))
+PROGRAMS := $(foreach a,$(APPS),$(BUILD)/bin/$(a)$(EXE))
+TEST_PROGRAMS := $(foreach t,$(TESTS),$(BUILD)/test/$(t)$(EXE))
+
+.DEFAULT_GOAL := all
+.PHONY: all programs tests clean help FORCE
+.DELETE_ON_ERROR:
+.SECONDARY:
+
+all: $(LIBLULL) $(if $(strip $(OIDN_SOURCES)),$(LIBOIDN)) $(SHARED) $(PROGRAMS)
+tests: all $(TEST_PROGRAMS) $(BUILD)/tests.txt
+
+# ---- Settings: one file that all objects depend on, shown when it changes ------------------------
+
+yesno = $(if $(filter 1,$(1)),yes,no   $(2))
+define SETTINGS
+lull for $(MACHINE)
+  compiler   $(CC) $(BASE_FLAGS) $(CFLAGS) $(LDFLAGS)
+  ports      $(PORTS)$(foreach g,$(filter-out $(PORTS),$(PORT_GROUPS)),$(if \
+    $(strip $(PORT_$(g)_SOURCES)),$(if $(filter any $(ARCH),$(PORT_$(g)_ARCH)), (no $(g): the compiler lacks it))))
+  OpenEXR    $(call yesno,$(WITH_OPENEXR),(pkg-config finds no OpenEXR >= 3.1; Debian: libopenexr-dev pkg-config))
+  PNG        $(call yesno,$(WITH_PNG),(pkg-config finds no libpng; Debian: libpng-dev pkg-config))
+  OpenCL     $(call yesno,$(WITH_OPENCL),(pkg-config finds no OpenCL; Debian: ocl-icd-opencl-dev pkg-config))
+  threads    $(call yesno,$(WITH_THREADS),(THREADS=0))
+endef
+export SETTINGS
+
+$(BUILD)/settings.txt: FORCE
+	@mkdir -p $(@D)
+	@printf '%s\n' "$$SETTINGS" >$@.new; \
+	if cmp -s $@.new $@; then rm -f $@.new; else mv -f $@.new $@; cat $@; fi
+
+$(BUILD)/tests.txt: FORCE
+	@mkdir -p $(@D)
+	@printf '%s\n' $(TEST_PROGRAMS) >$@.new; cmp -s $@.new $@ && rm -f $@.new || mv -f $@.new $@
+
+# ---- Compiling -----------------------------------------------------------------------------------
+
+compile = $(CC) $(BASE_FLAGS) $(FLAGS) $(CFLAGS) -MMD -MP -c -o $@ $<
+ifeq ($(V),1)
+say =
+else
+say = @printf '  %-8s %s\n' $(1) $(patsubst $(BUILD)/%,%,$(2)); 
+endif
+
+$(BUILD)/obj/lib/%.o: FLAGS = $(CORE_FLAGS)
+$(BUILD)/obj/ports/%.o: FLAGS = $(CORE_FLAGS) -Ilib $(ISA)
+$(BUILD)/obj/oidn/%.o: FLAGS = $(HOSTED_FLAGS) -DOpenImageDenoise_EXPORTS -Iweights -I$(BUILD)/gen
+$(BUILD)/obj/apps/%.o: FLAGS = $(HOSTED_FLAGS) -Iapps $(OPENEXR_CFLAGS) $(PNG_CFLAGS)
+$(BUILD)/obj/bench/%.o: FLAGS = $(HOSTED_FLAGS)
+$(BUILD)/obj/tests/%.o: FLAGS = $(HOSTED_FLAGS) -Itests -Iapps -I. $(OPENEXR_CFLAGS) $(PNG_CFLAGS) $(TEST_FLAGS)
+
+define port_rules
+$(call object,$(PORT_$(1)_SOURCES)): ISA := $(call port_flags,$(1))
+endef
+$(foreach g,$(PORTS),$(eval $(call port_rules,$(g))))
+
+$(BUILD)/obj/%.o: %.c $(BUILD)/settings.txt
+	@mkdir -p $(@D)
+	$(call say,CC,$<)$(compile)
+
+# ---- Built-in weights ----------------------------------------------------------------------------
+
+$(BUILD)/host/embed: weights/embed.c weights/builtin.def
+	@mkdir -p $(@D)
+	$(call say,HOSTCC,$<)$(HOSTCC) -std=c99 -O1 -Wall -Wextra -Iweights -o $@ $<
+
+$(BUILD)/gen/weights.c: $(BUILD)/host/embed $(wildcard weights/*.tza)
+	@mkdir -p $(@D)
+	$(call say,EMBED,$@)$< weights $@
+
+$(BUILD)/obj/weights.o: $(BUILD)/gen/weights.c $(BUILD)/settings.txt
+	@mkdir -p $(@D)
+	$(call say,CC,$<)$(CC) $(BASE_FLAGS) $(CFLAGS) -Iweights -Ilib -MMD -MP -c -o $@ $<
+
+# ---- Linking -------------------------------------------------------------------------------------
+
+link = $(CC) $(OPT) $(SAN_FLAGS) $(CFLAGS) -o $@ $(1) $(LDFLAGS)
+
+$(LIBLULL): $(LIB_OBJECTS)
+$(LIBOIDN): $(FACADE_OBJECTS)
+$(LIBLULL) $(LIBOIDN):
+	@mkdir -p $(@D)
+	@rm -f $@
+	$(call say,AR,$@)$(AR) rcs $@ $^
+
+$(BUILD)/lib/$(SONAME): $(FACADE_OBJECTS)
+	@mkdir -p $(@D)
+	$(call say,LINK,$@)$(call link,$(SOFLAGS) $^) $(THREAD_LIBS)
+
+ifneq ($(SOLINK),)
+$(BUILD)/lib/$(SOLINK): $(BUILD)/lib/$(SONAME)
+	@ln -sf $(SONAME) $@
+endif
+
+APP_LIBS := $(OPENEXR_LIBS) $(PNG_LIBS) -lm $(THREAD_LIBS)
+define app_rules
+$(BUILD)/bin/$(1)$(EXE): $(call object,$(sort $(APP_$(1)_SOURCES) $(APP_COMMON_SOURCES))) $(LIBOIDN)
+	@mkdir -p $$(@D)
+	$$(call say,LINK,$$@)$$(call link,$$^) $$(APP_LIBS)
+endef
+$(foreach a,$(APPS),$(eval $(call app_rules,$(a))))
+
+# Test programs may use the app sources that they name in their lists.
+define test_rules
+$(call object,$(filter tests/%,$(TEST_$(1)_SOURCES))): TEST_FLAGS := $(TEST_$(1)_FLAGS)
+$(BUILD)/test/$(1)$(EXE): $(call object,$(TEST_$(1)_SOURCES)) $(LIBOIDN)
+	@mkdir -p $$(@D)
+	$$(call say,LINK,$$@)$$(call link,$$^) $$(APP_LIBS) $(TEST_$(1)_LIBS)
+endef
+$(foreach t,$(TESTS),$(eval $(call test_rules,$(t))))
+
+clean:
+	rm -rf $(BUILD)
+
+help:
+	@sed -n '2,/^$$/s/^# \{0,1\}//p' Makefile
+
+-include $(patsubst %.o,%.d,$(FACADE_OBJECTS) $(call object,$(APP_SOURCES) $(TEST_SOURCES)))

@@ -1,0 +1,41 @@
+# Kernels, one group for each instruction set. Makefile and meson.build read this file: plain
+# assignments only, paths from the top of the tree.
+#
+#   PORT_<GROUP>_SOURCES      its files; a group without files is left out of the build
+#   PORT_<GROUP>_ARCH         x86, arm64, arm32 (several: separated by spaces) or any
+#   PORT_<GROUP>_FLAGS        compiler flags for its objects and for nothing else
+#   PORT_<GROUP>_FLAGS_<arch> the same, for one architecture only
+#
+# The macro LULL_WITH_<GROUP> is 1 where the group is built and 0 elsewhere.
+PORT_GROUPS := SCALAR AVX2 AVX512 AVXVNNI VNNI NEON DOTPROD I8MM
+
+PORT_SCALAR_ARCH := any
+PORT_SCALAR_SOURCES :=
+
+PORT_AVX2_ARCH := x86
+PORT_AVX2_FLAGS := -mavx2 -mfma
+PORT_AVX2_SOURCES :=
+
+PORT_AVX512_ARCH := x86
+PORT_AVX512_FLAGS := -mavx512f -mavx512bw -mavx512vl -mavx512dq -mfma -mprefer-vector-width=512
+PORT_AVX512_SOURCES :=
+
+PORT_AVXVNNI_ARCH := x86
+PORT_AVXVNNI_FLAGS := -mavx2 -mfma -mavxvnni
+PORT_AVXVNNI_SOURCES :=
+
+PORT_VNNI_ARCH := x86
+PORT_VNNI_FLAGS := -mavx512f -mavx512bw -mavx512vl -mavx512dq -mavx512vnni -mfma -mprefer-vector-width=512
+PORT_VNNI_SOURCES :=
+
+PORT_NEON_ARCH := arm64 arm32
+PORT_NEON_FLAGS_arm32 := -mfpu=neon
+PORT_NEON_SOURCES :=
+
+PORT_DOTPROD_ARCH := arm64
+PORT_DOTPROD_FLAGS := -march=armv8.2-a+dotprod
+PORT_DOTPROD_SOURCES :=
+
+PORT_I8MM_ARCH := arm64
+PORT_I8MM_FLAGS := -march=armv8.2-a+dotprod+i8mm
+PORT_I8MM_SOURCES :=
