@@ -57,7 +57,7 @@ SYSTEM := windows
 endif
 
 # 1 if the compiler takes these flags.
-takes = $(shell echo 'int lull_probe;' | $(CC) $(CFLAGS) $(1) -Werror -x c -c -o /dev/null - \
+takes = $(shell echo 'int lull_probe;' | $(CC) $(CFLAGS) $(1) -Werror -x c -fsyntax-only - \
         >/dev/null 2>&1 && echo 1)
 
 port_flags = $(PORT_$(1)_FLAGS) $(PORT_$(1)_FLAGS_$(ARCH))
@@ -254,6 +254,28 @@ $(BUILD)/test/$(1)$(EXE): $(call object,$(TEST_$(1)_SOURCES)) $(LIBOIDN)
 	$$(call say,LINK,$$@)$$(call link,$$^) $$(APP_LIBS) $(TEST_$(1)_LIBS)
 endef
 $(foreach t,$(TESTS),$(eval $(call test_rules,$(t))))
+
+# ---- Demo and tests ------------------------------------------------------------------------------
+
+VENV := build/venv
+.PHONY: demo check check-built check-san
+
+# The tests' own settings may change what pkg-config finds, so make reads itself again after them.
+demo:
+	@sh tests/setup.sh build
+	@$(MAKE) --no-print-directory all
+	@sh demo/run.sh $(BUILD)
+
+check:
+	@sh tests/setup.sh check $(VENV)
+	@$(MAKE) --no-print-directory check-built
+
+check-built: tests
+	@$(VENV)/bin/python tests/run.py --build $(BUILD) $(CHECK)
+
+# C tests and scripts under sanitizers: make check-san SAN=address,undefined (or memory, with CC=clang)
+check-san: tests
+	@$(PYTHON) tests/run.py --build $(BUILD) --kinds program $(CHECK)
 
 clean:
 	rm -rf $(BUILD)
