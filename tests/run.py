@@ -3,15 +3,15 @@
 
     tests/run.py --build build [--only unit,rules] [-k WORD] [--list]
 
-Suites are the folders of tests/. Each may hold C programs (listed in BUILD/tests.txt by make), scripts
-test_*.sh, and pytest files test_*.py. C programs and scripts report with a last line
-`N passed, N failed, N skipped`; a script without one counts as one test: status 0 passed, 77 skipped
-(its last line is the reason), anything else failed. A program that ends without counting anything
-has failed.
+Suites are the folders of tests/. Each may hold C programs (listed in BUILD/tests.txt by make),
+scripts test_*.sh, and pytest files test_*.py. C programs and scripts report with a last line
+`N passed, N failed, N skipped`; a script without one counts as one test: status 0 passed, 77
+skipped (its last line is the reason), anything else failed. A program that ends without counting
+anything has failed.
 
-Skips are listed with their reasons. Where the environment has CI=true, a skip fails unless its reason
-starts with `optional: `. The very last line printed is `N passed, N failed, N skipped`; the exit status
-is 0 if something passed and nothing failed.
+Skips are listed with their reasons. Where the environment has CI=true, a skip fails unless its
+reason starts with `optional: `. The very last line printed is `N passed, N failed, N skipped`; the
+exit status is 0 if something passed and nothing failed.
 """
 
 from __future__ import annotations
@@ -187,7 +187,7 @@ def main() -> int:
     parser.add_argument("--only", default="", help="suites (folders of tests/), comma separated")
     parser.add_argument("--kinds", default="program,script,pytest", help="kinds of tests to run")
     parser.add_argument("-k", dest="word", default="", help="only what has this word in its name")
-    parser.add_argument("--limit", type=float, default=900, help="seconds that one program may take")
+    parser.add_argument("--limit", type=float, default=900, help="seconds for one program")
     parser.add_argument("--list", action="store_true", help="name the programs and stop")
     args = parser.parse_args()
 

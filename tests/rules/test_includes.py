@@ -1,0 +1,115 @@
+"""Who may include whom (docs/design.md, section 5)."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from tests.rules.sources import files_of, name_of
+
+INCLUDE = re.compile(r'^[ \t]*#[ \t]*include[ \t]*(["<])([^">]+)[">]', re.MULTILINE)
+
+# What a module of lib/ (its .c and .h) may include beside its own header, base.h and lull.h.
+LIB = {
+    "base": set(),
+    "lull": set(),
+    "status": set(),
+    "tza": set(),
+    "image": set(),
+    "transfer": set(),
+    "exposure": {"image", "transfer"},
+    "cpu": {"ports"},
+    "kernels": {"ports"},
+    "dispatch": {"kernels", "cpu", "ports"},
+    "graph": {"tza", "tensor", "nets", "layers"},
+    "pack": {"graph", "kernels", "quant", "tza", "tensor"},
+    "model": {"graph", "kernels", "pack", "quant", "tza", "cpu", "plan"},
+    "plan": {"graph", "kernels", "tensor", "pack", "quant", "transfer", "image", "exposure"},
+    "exec": {"plan", "kernels", "image", "transfer", "exposure", "graph", "pack", "quant", "tza"},
+    "quant": {"tensor"},
+    "tensor": set(),
+    "nlm": {"image"},
+}
+LIBC = {"stddef.h", "stdint.h", "string.h"}  # and of these string.h in base.h only
+INTRINSICS = {"immintrin.h", "emmintrin.h", "tmmintrin.h", "arm_neon.h", "cpuid.h"}
+PORT_MAY = {"base", "kernels", "quant", "lull"}  # headers of lib/
+APPS_MAY = {"lull.h", "OpenImageDenoise/oidn.h", "OpenImageDenoise/oidn.hpp",
+            "OpenImageDenoise/config.h"}
+
+
+def includes(path: Path) -> list[tuple[bool, str]]:
+    """(is quoted, name) of every include line."""
+    return [(quote == '"', name) for quote, name in INCLUDE.findall(path.read_text())]
+
+
+def stem(name: str) -> str:
+    return Path(name).stem
+
+
+def all_of(folder: str) -> list[Path]:
+    files = files_of(folder, suffixes=(".c", ".h", ".def", ".inc"))
+    assert files or folder == "bench", f"{folder}/ holds no C files"
+    return files
+
+
+def test_lib_includes_only_what_its_module_may():
+    wrong = []
+    for path in all_of("lib"):
+        module = path.stem.split("_")[0]  # exec_u.c is a part of exec
+        allowed = LIB.get(module)
+        if allowed is None:
+            wrong.append(f"{name_of(path)}: module '{module}' has no row in {Path(__file__).name}")
+            continue
+        for quoted, name in includes(path):
+            own = stem(name).split("_")[0]
+            if quoted and own not in allowed | {"base", "lull", module}:
+                wrong.append(f"{name_of(path)} includes {name}")
+            elif not quoted and name not in LIBC | (INTRINSICS if module == "cpu" else set()):
+                wrong.append(f"{name_of(path)} includes <{name}>")
+    assert not wrong, "\n".join(wrong)
+
+
+def test_ports_include_kernels_and_their_own_folder():
+    wrong = []
+    for path in all_of("ports"):
+        own = {p.name for p in path.parent.iterdir()}
+        for quoted, name in includes(path):
+            if quoted and stem(name) not in PORT_MAY and name not in own:
+                wrong.append(f"{name_of(path)} includes {name}")
+            elif not quoted and name not in LIBC | INTRINSICS:
+                wrong.append(f"{name_of(path)} includes <{name}>")
+    assert not wrong, "\n".join(wrong)
+
+
+def test_facade_includes_lib_headers_and_itself():
+    own = {p.name for p in files_of("oidn", "lib", suffixes=(".h", ".def", ".hpp"))}
+    wrong = [f"{name_of(path)} includes {name}" for path in all_of("oidn")
+             for quoted, name in includes(path)
+             if quoted and Path(name).name not in own | {"builtin.def", "builtin.h"}]
+    assert not wrong, "\n".join(wrong)
+
+
+def test_apps_include_public_headers_and_themselves():
+    own = {p.name for p in files_of("apps", suffixes=(".h", ".def", ".inc"))}
+    wrong = [f"{name_of(path)} includes {name}" for path in all_of("apps")
+             for quoted, name in includes(path) if quoted and name not in own | APPS_MAY]
+    assert not wrong, "\n".join(wrong)
+
+
+@pytest.mark.parametrize("folder", ["lib", "ports", "oidn"])
+def test_nobody_includes_facade_apps_or_tests(folder: str):
+    facade = "" if folder == "oidn" else "|oidn|OpenImage"
+    forbidden = re.compile(r"(^|/)(apps|tests|bench)/" + facade)
+    wrong = [f"{name_of(path)} includes {name}" for path in all_of(folder)
+             for _, name in includes(path) if forbidden.search(name)]
+    assert not wrong, "\n".join(wrong)
+
+
+def test_extensions_live_in_base_h():
+    """__attribute__ and __builtin only in base.h; ports may use what their CPU needs."""
+    extension = re.compile(r"__(attribute|builtin)")
+    wrong = [name_of(p) for p in all_of("lib")
+             if p.name not in ("base.h", "cpu.c") and extension.search(p.read_text())]
+    assert not wrong, "\n".join(wrong)
