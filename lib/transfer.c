@@ -58,11 +58,9 @@ LULL_INLINE logarithm log2_parts(float x)
     float m = lull_float(bits - ((uint32_t)exponent << 23));
     float s = (m - 1.0f) / (m + 1.0f);
     float w = s * s;
-    float p = 0.431737901252f;
+    float p = (0.431737901252f * w + 0.576714309537f) * (w * w)
+              + (0.961798848299f * w + 2.88539007979f);
     logarithm l;
-    p = p * w + 0.576714309537f;
-    p = p * w + 0.961798848299f;
-    p = p * w + 2.88539007979f;
     l.whole = (float)exponent;
     l.part = s * p;
     return l;
@@ -78,13 +76,10 @@ LULL_INLINE float nearest(float t)
 /* 2^r - 1 for r in [-0.5, 0.5] and a little more. */
 LULL_INLINE float exp2m1_part(float r)
 {
-    float p = 0.000154035123298f;
-    p = p * r + 0.00133908498473f;
-    p = p * r + 0.00961823792896f;
-    p = p * r + 0.0555035721998f;
-    p = p * r + 0.240226497895f;
-    p = p * r + 0.693147187971f;
-    return p * r;
+    float s = r * r;
+    float p = (0.000154035123298f * r + 0.00133908498473f) * s
+              + (0.00961823792896f * r + 0.0555035721998f);
+    return (p * s + (0.240226497895f * r + 0.693147187971f)) * r;
 }
 
 /* 2^n, n in [-126, 127]. */
