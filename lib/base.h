@@ -26,8 +26,45 @@
 #endif
 
 LULL_INLINE size_t lull_align_up(size_t n, size_t to) { return (n + to - 1) / to * to; }
+/* Appends a block to a layout of *total bytes, aligned to LULL_ALIGN; returns its offset. */
+LULL_INLINE size_t lull_append(size_t *total, size_t bytes)
+{
+    size_t at = *total;
+    *total = at + lull_align_up(bytes, LULL_ALIGN);
+    return at;
+}
+
 LULL_INLINE unsigned lull_min_u(unsigned a, unsigned b) { return a < b ? a : b; }
 LULL_INLINE unsigned lull_max_u(unsigned a, unsigned b) { return a > b ? a : b; }
+
+/* Which ports this build contains (0 or 1 each; the build may define them, else all that the target can
+ * have and that exist). The scalar port is always there. */
+#if defined(__x86_64__) || defined(__i386__)
+#define LULL_ARCH_X86 1
+#else
+#define LULL_ARCH_X86 0
+#endif
+#ifndef LULL_WITH_AVX2
+#define LULL_WITH_AVX2 LULL_ARCH_X86
+#endif
+#ifndef LULL_WITH_AVX512
+#define LULL_WITH_AVX512 0
+#endif
+#ifndef LULL_WITH_AVXVNNI
+#define LULL_WITH_AVXVNNI 0
+#endif
+#ifndef LULL_WITH_VNNI
+#define LULL_WITH_VNNI 0
+#endif
+#ifndef LULL_WITH_NEON
+#define LULL_WITH_NEON 0
+#endif
+#ifndef LULL_WITH_DOTPROD
+#define LULL_WITH_DOTPROD 0
+#endif
+#ifndef LULL_WITH_I8MM
+#define LULL_WITH_I8MM 0
+#endif
 
 /* Bit pattern of a float and back. */
 LULL_INLINE uint32_t lull_bits(float f)

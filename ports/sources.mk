@@ -10,11 +10,12 @@
 PORT_GROUPS := SCALAR AVX2 AVX512 AVXVNNI VNNI NEON DOTPROD I8MM
 
 PORT_SCALAR_ARCH := any
-PORT_SCALAR_SOURCES :=
+PORT_SCALAR_SOURCES := ports/scalar/port_scalar.c ports/scalar/conv_f32_scalar.c \
+                       ports/scalar/conv_int_scalar.c ports/scalar/pool_scalar.c
 
 PORT_AVX2_ARCH := x86
 PORT_AVX2_FLAGS := -mavx2 -mfma
-PORT_AVX2_SOURCES :=
+PORT_AVX2_SOURCES := ports/x86/port_avx2.c ports/x86/conv_f32_avx2.c
 
 PORT_AVX512_ARCH := x86
 PORT_AVX512_FLAGS := -mavx512f -mavx512bw -mavx512vl -mavx512dq -mfma -mprefer-vector-width=512

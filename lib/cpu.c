@@ -1,0 +1,79 @@
+#include "cpu.h"
+
+/* Instruction set features, as needed by the rows below. */
+enum {
+    FEATURE_NONE = 0,
+    FEATURE_AVX2 = 1,       /* AVX2, FMA, and an OS that saves the ymm registers */
+    FEATURE_AVX512 = 2,     /* AVX-512 F, BW, VL, DQ, and an OS that saves zmm and mask registers */
+    FEATURE_AVXVNNI = 4,    /* AVX-VNNI */
+    FEATURE_AVX512VNNI = 8, /* AVX-512 VNNI */
+    FEATURE_NEON = 16,
+    FEATURE_DOTPROD = 32,
+    FEATURE_I8MM = 64
+};
+
+#if LULL_ARCH_X86 && defined(__GNUC__)
+#include <cpuid.h>
+
+static uint32_t features(void)
+{
+    uint32_t a, b, c, d, b7, c7, found = 0, xcr0, hi;
+    (void)d;
+    if (!__get_cpuid(1, &a, &b, &c, &d) || !(c & bit_OSXSAVE) || !(c & bit_AVX))
+        return 0;
+    __asm__("xgetbv" : "=a"(xcr0), "=d"(hi) : "c"(0));
+    if ((xcr0 & 6) != 6 || !__get_cpuid_count(7, 0, &a, &b7, &c7, &d))
+        return 0;
+    if ((b7 & bit_AVX2) && (c & bit_FMA))
+        found |= FEATURE_AVX2;
+    if ((found & FEATURE_AVX2) && __get_cpuid_count(7, 1, &a, &b, &c, &d) && (a & (1u << 4)))
+        found |= FEATURE_AVXVNNI;
+    if ((xcr0 & 0xe6) == 0xe6 && (b7 & bit_AVX512F) && (b7 & bit_AVX512BW) &&
+        (b7 & bit_AVX512VL) && (b7 & bit_AVX512DQ)) {
+        found |= FEATURE_AVX512;
+        if (c7 & (1u << 11))
+            found |= FEATURE_AVX512VNNI;
+    }
+    return found;
+}
+#else
+static uint32_t features(void)
+{
+    uint32_t found = 0;
+#if defined(__ARM_NEON)
+    found |= FEATURE_NEON;
+#endif
+#if defined(__ARM_FEATURE_DOTPROD)
+    found |= FEATURE_DOTPROD;
+#endif
+#if defined(__ARM_FEATURE_MATMUL_INT8)
+    found |= FEATURE_I8MM;
+#endif
+    return found;
+}
+#endif
+
+/* Features each port needs; a name without an entry would not compile. */
+enum {
+    NEEDS_scalar = FEATURE_NONE,
+    NEEDS_avx2 = FEATURE_AVX2,
+    NEEDS_avx512 = FEATURE_AVX512,
+    NEEDS_avxvnni = FEATURE_AVX2 | FEATURE_AVXVNNI,
+    NEEDS_vnni = FEATURE_AVX512 | FEATURE_AVX512VNNI,
+    NEEDS_neon = FEATURE_NEON,
+    NEEDS_dotprod = FEATURE_NEON | FEATURE_DOTPROD,
+    NEEDS_i8mm = FEATURE_NEON | FEATURE_I8MM
+};
+
+uint32_t lull_cpu_ports(void)
+{
+    static const uint32_t needs[] = {
+#define PORT(name) NEEDS_##name,
+#include "ports.def"
+    };
+    uint32_t found = features(), ports = 0;
+    for (unsigned i = 0; i < sizeof needs / sizeof needs[0]; i++)
+        if ((needs[i] & found) == needs[i])
+            ports |= 1u << i;
+    return ports;
+}

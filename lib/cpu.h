@@ -1,0 +1,12 @@
+/* What the CPU can run. */
+#ifndef LULL_CPU_H
+#define LULL_CPU_H
+
+#include "base.h"
+
+/* Mask of the ports (bits in the order of ports.def) whose instructions this CPU and its operating
+ * system support. Ports that cannot be queried without the operating system (ARM's optional
+ * extensions) count as supported when the compiler was allowed to use them everywhere. */
+uint32_t lull_cpu_ports(void);
+
+#endif

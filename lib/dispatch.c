@@ -1,0 +1,60 @@
+#include "cpu.h"
+#include "kernels.h"
+
+static const char *const port_names[] = {
+#define PORT(name) #name,
+#include "ports.def"
+};
+
+static void (*const port_fillers[])(lull_kernels *) = {
+#define PORT(name) lull_port_##name,
+#include "ports.def"
+};
+
+#define PORT_COUNT (sizeof port_names / sizeof port_names[0])
+
+uint32_t lull_ports_available(void) { return lull_cpu_ports(); }
+
+const char *lull_port_name(unsigned index)
+{
+    return index < PORT_COUNT ? port_names[index] : NULL;
+}
+
+uint32_t lull_ports_up_to(const char *name, size_t length)
+{
+    for (unsigned i = 0; i < PORT_COUNT; i++) {
+        const char *known = port_names[i];
+        size_t n = 0;
+        while (n < length && known[n] && known[n] == name[n])
+            n++;
+        if (n == length && !known[n])
+            return (2u << i) - 1;
+    }
+    return 0;
+}
+
+void lull_kernels_fill(lull_kernels *kernels, uint32_t ports)
+{
+    memset(kernels, 0, sizeof *kernels);
+    ports = (ports & lull_cpu_ports()) | LULL_PORTS_SCALAR;
+    for (unsigned i = 0; i < PORT_COUNT; i++)
+        if (ports >> i & 1)
+            port_fillers[i](kernels);
+}
+
+unsigned lull_kernels_port(uint32_t ports, unsigned slot)
+{
+    lull_kernels strongest, upto;
+    unsigned i = 0;
+    lull_kernels_fill(&strongest, ports);
+    do {
+        unsigned n = 0, same = 0;
+        lull_kernels_fill(&upto, ports & ((2u << i) - 1));
+#define KERNEL(name, parameters, tolerance, purpose) \
+    same |= n++ == slot && upto.name == strongest.name;
+#include "kernels.def"
+        if (same)
+            return i;
+    } while (++i < PORT_COUNT);
+    return 0;
+}

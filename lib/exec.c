@@ -1,0 +1,451 @@
+/* Runs a plan: rows in, every layer in turn, rows out. */
+#include "exposure.h"
+#include "image.h"
+#include "plan.h"
+#include "transfer.h"
+
+#define BLOCK 64u /* pixels converted together */
+#define FLT_MAX_ 3.402823466e38f
+
+/* What the body functions of one parallel_for see. */
+typedef struct task {
+    lull_plan *plan;
+    const lull_images *images;
+    unsigned layer;
+    unsigned first, base_row; /* first row to make; row of the frame at the start of the images */
+    unsigned begin, end, left, right; /* columns: of the strip's output, and held in the rings */
+} task;
+
+/* How a frame's main image is read and written; docs/design.md section 1. */
+typedef struct content_rule {
+    lull_transfer transfer;
+    uint8_t is_hdr, is_signed;
+} content_rule;
+
+static content_rule content_of(const lull_frame *frame)
+{
+    static const content_rule rules[LULL_CONTENT_COUNT] = {
+        {LULL_TRANSFER_PU, 1, 0},     /* HDR */
+        {LULL_TRANSFER_SRGB, 0, 0},   /* LDR */
+        {LULL_TRANSFER_LINEAR, 0, 0}, /* SRGB */
+        {LULL_TRANSFER_LOG, 1, 0},    /* LIGHTMAP_HDR */
+        {LULL_TRANSFER_LINEAR, 0, 1}, /* LIGHTMAP_DIR */
+    };
+    static const content_rule normals = {LULL_TRANSFER_LINEAR, 0, 1};
+    return frame->features == LULL_HAS_NORMAL ? normals : rules[frame->content];
+}
+
+static const lull_image *feature_image(const lull_images *images, unsigned feature)
+{
+    return feature == 0 ? &images->color : feature == 1 ? &images->albedo : &images->normal;
+}
+
+static uint8_t *row_of(const lull_plan *plan, unsigned tensor, unsigned y)
+{
+    const lull_ring *ring = &plan->ring[tensor];
+    return (uint8_t *)plan + ring->offset + (y % ring->rows) * ring->row_bytes +
+           lull_ring_left(ring);
+}
+
+/* Row y of a tensor for reading; rows outside are zeros. */
+static const uint8_t *source_row(const lull_plan *plan, unsigned tensor, int y)
+{
+    const lull_ring *ring = &plan->ring[tensor];
+    if (y < 0 || y >= (int)(plan->height >> ring->level))
+        return (uint8_t *)plan + plan->zero_row + lull_ring_left(ring);
+    return row_of(plan, tensor, (unsigned)y);
+}
+
+static void parallel(const lull_plan *plan, const lull_host *host, unsigned count,
+                     void (*body)(void *, unsigned, unsigned), task *t)
+{
+    if (host && host->parallel_for && plan->threads > 1 && count > 1)
+        host->parallel_for(host->user, count, body, t);
+    else
+        for (unsigned i = 0; i < count; i++)
+            body(t, i, 0);
+}
+
+/* ---- Input ---------------------------------------------------------------------------------------- */
+
+/* n pixels of one feature to network values. */
+static void load_feature(float *out, const task *t, unsigned feature, int is_main, unsigned x,
+                         unsigned y, unsigned n)
+{
+    const lull_plan *plan = t->plan;
+    content_rule rule = content_of(&plan->frame);
+    int is_signed = is_main ? rule.is_signed : feature == 2;
+    float high = is_main && rule.is_hdr ? FLT_MAX_ : 1.0f;
+    lull_image_load(out, feature_image(t->images, feature), plan->frame.width, x, y, n);
+    lull_sanitize(out, 3 * (size_t)n, is_main ? plan->scale : 1.0f, is_signed ? -1.0f : 0.0f, high);
+    for (unsigned i = 0; is_signed && i < 3 * n; i++)
+        out[i] = out[i] * 0.5f + 0.5f;
+    if (is_main)
+        lull_transfer_forward(rule.transfer, out, 3 * (size_t)n);
+}
+
+/* The n floats before `from` to before `to`. */
+static void copy_columns(float *to, const float *from, size_t n)
+{
+    memcpy(to - n, from - n, n * sizeof *to);
+}
+
+/* One row of the network's input, columns [t->left, t->right). */
+static void load_row(void *context, unsigned index, unsigned worker)
+{
+    const task *t = context;
+    lull_plan *plan = t->plan;
+    const lull_frame *frame = &plan->frame;
+    unsigned y = t->first + index, channels = plan->model->graph.inputs;
+    float *row = (float *)(void *)row_of(plan, 0, y), *saved;
+    float *block = (float *)(void *)((uint8_t *)plan + plan->scratch +
+                                     plan->scratch_bytes * worker);
+    unsigned x = t->left, right = lull_min_u(t->right, frame->width);
+    memset(row, 0, (size_t)(t->right - t->left) * channels * sizeof *row);
+    if (y >= frame->height)
+        return;
+    saved = (float *)(void *)((uint8_t *)plan + plan->saved) +
+            (size_t)y * plan->saved_width * channels;
+    if (plan->saved_width && t->begin > 0) { /* overwritten by the strips before */
+        x = t->begin;
+        copy_columns(row + (size_t)(x - t->left) * channels,
+                     saved + (size_t)plan->saved_width * channels,
+                     lull_min_u(plan->saved_width, x) * channels);
+    }
+    for (; x < right; x += BLOCK) {
+        unsigned n = lull_min_u(BLOCK, right - x), at = 0;
+        for (unsigned feature = 0; feature < 3; feature++) {
+            if (!(frame->features >> feature & 1))
+                continue;
+            load_feature(block, t, feature, at == 0, x, y - t->base_row, n);
+            for (unsigned i = 0; i < n; i++)
+                memcpy(row + (size_t)(x - t->left + i) * channels + at, block + 3 * i,
+                       3 * sizeof *row);
+            at += 3;
+        }
+    }
+    if (plan->saved_width)
+        copy_columns(saved + (size_t)plan->saved_width * channels,
+                     row + (size_t)(t->end - t->left) * channels,
+                     lull_min_u(plan->saved_width, t->end) * channels);
+}
+
+/* ---- Layers --------------------------------------------------------------------------------------- */
+
+/* Three rows of 3x3 taps around row y, for output pixels x, x + stride, ... */
+static void add_rows(lull_conv_f32 *conv, const lull_plan *plan, unsigned tensor, int y, unsigned x,
+                     unsigned stride, const lull_packed_layer *packed, unsigned block)
+{
+    unsigned channels = plan->ring[tensor].channels;
+    for (int dy = 0; dy < 3; dy++) {
+        lull_segment *segment = &conv->segment[conv->segments++];
+        const float *row = (const float *)(const void *)source_row(plan, tensor, y + dy - 1);
+        segment->row = row + ((ptrdiff_t)x - 1) * (ptrdiff_t)channels;
+        segment->weights = (const uint8_t *)plan->model + packed->weights[block + (unsigned)dy];
+        segment->length = 3 * channels;
+        segment->step = stride * channels;
+    }
+}
+
+/* Two rows of the 2x2 phase kernel of an upsampled source, for output pixels x, x + 2, ... */
+static void add_phase(lull_conv_f32 *conv, const lull_plan *plan, const lull_layer *layer, int y,
+                      unsigned x, const lull_packed_layer *packed)
+{
+    unsigned channels = layer->in_source, phase = 2 * ((unsigned)y & 1) + (x & 1);
+    int above = (y + 1) / 2 - 1, left = ((int)x + 1) / 2 - 1;
+    for (int dy = 0; dy < 2; dy++) {
+        lull_segment *segment = &conv->segment[conv->segments++];
+        const float *row =
+            (const float *)(const void *)source_row(plan, layer->source, above + dy);
+        segment->row = row + (ptrdiff_t)left * (ptrdiff_t)channels;
+        segment->weights = (const uint8_t *)plan->model +
+                           packed->weights[lull_pack_block(layer, phase, (unsigned)dy)];
+        segment->length = 2 * channels;
+        segment->step = channels;
+    }
+}
+
+/* Columns [x, x+n) of row y of a layer's convolution; x and n even if the source is upsampled. */
+static void conv_row(const lull_plan *plan, unsigned l, float *out, unsigned x, unsigned y,
+                     unsigned n)
+{
+    const lull_layer *layer = &plan->model->graph.layer[l];
+    const lull_packed_layer *packed = &plan->model->layer[l];
+    unsigned phases = layer->up ? 2 : 1;
+    lull_conv_f32 conv;
+    conv.bias = (const float *)(const void *)((const uint8_t *)plan->model + packed->bias);
+    conv.outputs = layer->outputs;
+    conv.out_step = (size_t)phases * layer->outputs;
+    conv.pixels = n / phases;
+    for (unsigned phase = 0; phase < phases; phase++) {
+        conv.out = out + (size_t)phase * layer->outputs;
+        conv.segments = 0;
+        if (layer->up)
+            add_phase(&conv, plan, layer, (int)y, x + phase, packed);
+        else
+            add_rows(&conv, plan, layer->source, (int)y, x, 1, packed, LULL_PACK_SOURCE);
+        if (layer->skip != LULL_TENSOR_NONE)
+            add_rows(&conv, plan, layer->skip, (int)y, x + phase, phases, packed, LULL_PACK_SKIP);
+        plan->model->kernels.conv_f32(&conv);
+    }
+}
+
+static unsigned chunks_of(const task *t)
+{
+    unsigned level = t->plan->model->graph.layer[t->layer].level;
+    unsigned width = (t->right - t->left) >> level;
+    return (width + t->plan->chunk[t->layer] - 1) / t->plan->chunk[t->layer];
+}
+
+/* One chunk of columns of one row of a layer. */
+static void layer_chunk(void *context, unsigned index, unsigned worker)
+{
+    const task *t = context;
+    lull_plan *plan = t->plan;
+    const lull_layer *layer = &plan->model->graph.layer[t->layer];
+    unsigned chunks = chunks_of(t), y = t->first + index / chunks;
+    unsigned x = index % chunks * plan->chunk[t->layer];
+    unsigned n = lull_min_u(plan->chunk[t->layer], ((t->right - t->left) >> layer->level) - x);
+    float *row = (float *)(void *)row_of(plan, t->layer + 1, y);
+    float *above, *below;
+    if (!layer->pool) {
+        conv_row(plan, t->layer, row + (size_t)x * layer->outputs, x, y, n);
+        return;
+    }
+    above = (float *)(void *)((uint8_t *)plan + plan->scratch + plan->scratch_bytes * worker);
+    below = above + (size_t)n * layer->outputs;
+    conv_row(plan, t->layer, above, x, 2 * y, n);
+    conv_row(plan, t->layer, below, x, 2 * y + 1, n);
+    plan->model->kernels.pool_f32(row + (size_t)(x / 2) * layer->outputs, above, below,
+                                  layer->outputs, n / 2);
+}
+
+/* ---- Output --------------------------------------------------------------------------------------- */
+
+/* n network pixels (r,g,b) to image values. */
+static void finish(float *v, const lull_plan *plan, unsigned channels, unsigned n)
+{
+    content_rule rule = content_of(&plan->frame);
+    float unscale = plan->scale != 0.0f ? 1.0f / plan->scale : 0.0f;
+    lull_sanitize(v, 3 * (size_t)n, 1.0f, 0.0f, FLT_MAX_);
+    lull_transfer_inverse(rule.transfer, v, 3 * (size_t)n);
+    for (unsigned i = 0; channels == 1 && i < n; i++)
+        v[3 * i] = (v[3 * i] + v[3 * i + 1] + v[3 * i + 2]) / 3.0f;
+    for (unsigned i = 0; i < 3 * n; i++) {
+        float x = v[i];
+        if (rule.is_signed) {
+            x = x * 2.0f - 1.0f;
+            x = x < -1.0f ? -1.0f : x;
+        }
+        if (!rule.is_hdr)
+            x = x > 1.0f ? 1.0f : x;
+        v[i] = x * unscale;
+    }
+}
+
+/* One row of the output image, columns [t->begin, t->end). */
+static void store_row(void *context, unsigned index, unsigned worker)
+{
+    const task *t = context;
+    lull_plan *plan = t->plan;
+    unsigned y = t->first + index, last = plan->model->graph.layers;
+    unsigned channels = plan->ring[last].channels;
+    const float *row = (const float *)(const void *)row_of(plan, last, y);
+    float *block = (float *)(void *)((uint8_t *)plan + plan->scratch +
+                                     plan->scratch_bytes * worker);
+    for (unsigned x = t->begin; x < t->end; x += BLOCK) {
+        unsigned n = lull_min_u(BLOCK, t->end - x);
+        for (unsigned i = 0; i < n; i++)
+            memcpy(block + 3 * i, row + (size_t)(x - t->left + i) * channels, 3 * sizeof *block);
+        finish(block, plan, t->images->output.channels, n);
+        lull_image_store(&t->images->output, plan->frame.width, x, y - t->base_row, n, block);
+    }
+}
+
+/* ---- Steps ---------------------------------------------------------------------------------------- */
+
+/* Makes all rows of the layers that the loaded input rows allow. */
+static void advance(task *t, const lull_host *host)
+{
+    lull_plan *plan = t->plan;
+    const lull_graph *graph = &plan->model->graph;
+    for (unsigned l = 0; l < graph->layers; l++) {
+        const lull_layer *layer = &graph->layer[l];
+        unsigned skip = layer->skip == LULL_TENSOR_NONE ? 0 : plan->done[layer->skip];
+        unsigned ready = lull_rows_ready(layer, plan->done[layer->source], skip,
+                                         plan->height >> layer->level);
+        t->layer = l;
+        t->first = plan->done[l + 1];
+        parallel(plan, host, (ready - t->first) * chunks_of(t), layer_chunk, t);
+        plan->done[l + 1] = ready;
+    }
+}
+
+/* Loads input rows up to `rows` and everything that follows from them; stores the rows of the frame
+ * that became ready, at the start of the output image where base_row says. */
+static void step(task *t, unsigned rows, unsigned store_base, const lull_host *host)
+{
+    lull_plan *plan = t->plan;
+    unsigned ready;
+    t->first = plan->done[0];
+    parallel(plan, host, rows - t->first, load_row, t);
+    plan->done[0] = rows;
+    advance(t, host);
+    ready = lull_min_u(plan->done[plan->model->graph.layers], plan->frame.height);
+    t->first = plan->stored;
+    t->base_row = store_base;
+    parallel(plan, host, ready - t->first, store_row, t);
+    plan->stored = ready;
+}
+
+static void begin_strip(lull_plan *plan, task *t, unsigned strip)
+{
+    const lull_graph *graph = &plan->model->graph;
+    unsigned overlap = graph->overlap;
+    t->begin = strip * plan->strip_width;
+    t->end = lull_min_u(t->begin + plan->strip_width, plan->frame.width);
+    t->left = t->begin > overlap ? t->begin - overlap : 0;
+    t->right = lull_min_u((strip + 1) * plan->strip_width + overlap, plan->width);
+    t->base_row = 0;
+    if (plan->strips > 1) /* rows of the strip before may have been longer */
+        for (unsigned i = 0; i <= graph->layers; i++)
+            memset((uint8_t *)plan + plan->ring[i].offset, 0,
+                   plan->ring[i].row_bytes * plan->ring[i].rows);
+    memset(plan->done, 0, sizeof plan->done);
+    plan->stored = 0;
+}
+
+/* The images that the frame needs are there, with channel counts that fit. */
+static lull_status check_images(const lull_plan *plan, const lull_images *images)
+{
+    unsigned main_channels = 0;
+    for (unsigned feature = 0; feature < 3; feature++) {
+        const lull_image *image = feature_image(images, feature);
+        if (!(plan->frame.features >> feature & 1))
+            continue;
+        if (!image->data || image->channels < 1 || image->channels > 3 ||
+            (unsigned)image->type > LULL_F16)
+            return LULL_ERROR_IMAGE;
+        if (!main_channels)
+            main_channels = image->channels;
+    }
+    if (!images->output.data || images->output.channels != main_channels ||
+        (unsigned)images->output.type > LULL_F16)
+        return LULL_ERROR_IMAGE;
+    return LULL_OK;
+}
+
+/* ---- Auto-exposure -------------------------------------------------------------------------------- */
+
+static void exposure_task(void *context, unsigned index, unsigned worker)
+{
+    const task *t = context;
+    const lull_plan *plan = t->plan;
+    lull_exposure_row *rows =
+        (lull_exposure_row *)(void *)((uint8_t *)t->plan + plan->exposure);
+    (void)worker;
+    lull_exposure_bin_row(&rows[index], &t->images->color, plan->frame.width, plan->frame.height,
+                          index);
+}
+
+static float choose_scale(task *t, const lull_host *host)
+{
+    lull_plan *plan = t->plan;
+    unsigned rows = lull_exposure_rows(plan->frame.height);
+    if (!lull_is_nan(t->images->input_scale))
+        return t->images->input_scale;
+    if (!content_of(&plan->frame).is_hdr)
+        return 1.0f;
+    parallel(plan, host, rows, exposure_task, t);
+    return lull_exposure_scale((lull_exposure_row *)(void *)((uint8_t *)plan + plan->exposure),
+                               rows);
+}
+
+/* ---- Entry points --------------------------------------------------------------------------------- */
+
+static int keep_going(const lull_host *host, double fraction)
+{
+    return !host || !host->progress || host->progress(host->user, fraction);
+}
+
+lull_status lull_run(lull_plan *plan, const lull_images *images, const lull_host *host)
+{
+    task t = {0};
+    lull_status status;
+    if (!plan || !images)
+        return LULL_ERROR_ARGUMENT;
+    if (!plan->frame.width || !plan->frame.height)
+        return LULL_OK;
+    status = check_images(plan, images);
+    if (status != LULL_OK)
+        return status;
+    t.plan = plan;
+    t.images = images;
+    if (!keep_going(host, 0.0))
+        return LULL_CANCELLED;
+    plan->scale = choose_scale(&t, host);
+    for (unsigned strip = 0; strip < plan->strips; strip++) {
+        begin_strip(plan, &t, strip);
+        while (plan->done[0] < plan->height) {
+            double made;
+            step(&t, lull_min_u(plan->done[0] + plan->row_step, plan->height), 0, host);
+            made = (double)strip + (double)plan->done[0] / plan->height;
+            if (!keep_going(host, made / plan->strips)) {
+                plan->done[0] = LULL_ROWS_IDLE;
+                return LULL_CANCELLED;
+            }
+        }
+    }
+    plan->done[0] = LULL_ROWS_IDLE;
+    return LULL_OK;
+}
+
+lull_status lull_rows_begin(lull_plan *plan, float input_scale)
+{
+    task t = {0};
+    if (!plan)
+        return LULL_ERROR_ARGUMENT;
+    if (plan->strips > 1)
+        return LULL_ERROR_UNSUPPORTED;
+    t.plan = plan;
+    begin_strip(plan, &t, 0);
+    plan->scale = lull_is_nan(input_scale) ? 1.0f : input_scale;
+    return LULL_OK;
+}
+
+lull_status lull_rows(lull_plan *plan, const lull_images *images, unsigned rows, unsigned *ready,
+                      const lull_host *host)
+{
+    task t = {0};
+    unsigned input_base, store_base, last;
+    lull_status status;
+    if (!plan || !images || !ready || plan->done[0] == LULL_ROWS_IDLE ||
+        plan->done[0] > plan->frame.height || rows > plan->frame.height - plan->done[0])
+        return LULL_ERROR_ARGUMENT;
+    *ready = 0;
+    if (!plan->frame.width || !rows)
+        return LULL_OK;
+    status = check_images(plan, images);
+    if (status != LULL_OK)
+        return status;
+    t.plan = plan;
+    t.images = images;
+    t.end = plan->frame.width;
+    t.right = plan->width;
+    input_base = plan->done[0];
+    store_base = plan->stored;
+    last = input_base + rows == plan->frame.height ? plan->height : input_base + rows;
+    while (plan->done[0] < last) { /* steps end where lull_run's do: the rings were sized for those */
+        unsigned next = (plan->done[0] / plan->row_step + 1) * plan->row_step;
+        t.base_row = input_base;
+        step(&t, lull_min_u(next, last), store_base, host);
+        if (!keep_going(host, (double)plan->done[0] / plan->height)) {
+            plan->done[0] = LULL_ROWS_IDLE;
+            return LULL_CANCELLED;
+        }
+    }
+    *ready = plan->stored - store_base;
+    if (last == plan->height)
+        plan->done[0] = LULL_ROWS_IDLE;
+    return LULL_OK;
+}

@@ -1,0 +1,31 @@
+/* A model: weights checked, folded and laid out for the kernels of the chosen ports. */
+#ifndef LULL_PACK_H
+#define LULL_PACK_H
+
+#include "graph.h"
+#include "kernels.h"
+
+/* Weight blocks of one layer, by what they are multiplied with. Plain layers: the three rows of the
+ * source. Upsampled sources, folded: two rows of the small source for each of the four output phases
+ * (phase 2 * (y & 1) + (x & 1)). */
+enum { LULL_PACK_SOURCE = 0, LULL_PACK_PHASES = 8, LULL_PACK_SKIP = 8, LULL_PACK_BLOCKS = 11 };
+
+typedef struct lull_packed_layer {
+    size_t weights[LULL_PACK_BLOCKS]; /* offsets from the model; 0: not there */
+    size_t bias, multiplier;          /* offsets */
+    unsigned wide_shift;
+    int32_t out_max;
+} lull_packed_layer;
+
+struct lull_model {
+    lull_graph graph;
+    lull_kernels kernels;
+    size_t bytes; /* of the whole model */
+    int is_integer;
+    lull_packed_layer layer[LULL_MAX_LAYERS];
+};
+
+/* Block with the weights of row `row` (0..2, or 0..1 of a phase) of a layer's source or skip. */
+unsigned lull_pack_block(const lull_layer *layer, unsigned phase, unsigned row);
+
+#endif

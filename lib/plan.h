@@ -1,0 +1,62 @@
+/* The schedule and memory of a run: which rows of which tensor are kept, and where. Holds offsets only.
+ *
+ * Rows stream through the network. Every tensor is a ring of the few rows that its consumers still need.
+ * In one step `row_step` input rows come in, then each layer in turn makes all the rows that it now can.
+ * How many that are, and how many rows stay needed, follows from the layers alone: lull_rows_ready and
+ * lull_rows_needed. The planner plays the steps through once, without pixels, and takes the largest
+ * number of rows alive as the ring's size.
+ */
+#ifndef LULL_PLAN_H
+#define LULL_PLAN_H
+
+#include "pack.h"
+
+/* Rows of a tensor, kept in a ring. A row is `left` bytes of zero border, the pixels, and more zeros;
+ * row y is at offset + (y % rows) * row_bytes + left. */
+typedef struct lull_ring {
+    size_t offset, row_bytes;
+    unsigned rows;
+    uint16_t channels;
+    uint8_t level, dtype; /* lull_dtype */
+} lull_ring;
+
+/* Bytes before pixel 0 of a row: one pixel of zero border, aligned. */
+size_t lull_ring_left(const lull_ring *ring);
+
+/* Value of done[0] while no run is under way. */
+#define LULL_ROWS_IDLE 0xffffffffu
+
+struct lull_plan {
+    const lull_model *model;
+    lull_frame frame;
+    size_t bytes;
+    unsigned threads;
+    unsigned row_step;
+    unsigned height;      /* padded */
+    unsigned width;       /* padded width of the frame */
+    unsigned strip_width; /* columns of output of one strip, a multiple of the alignment */
+    unsigned strips;
+    unsigned row_width;   /* columns held: the strip and its overlaps */
+    unsigned delay_rows;
+    lull_ring ring[LULL_MAX_LAYERS + 1];
+    size_t zero_row;      /* offset of zeros as long as any row */
+    size_t scratch, scratch_bytes; /* per worker */
+    size_t exposure;      /* rows of auto-exposure bins */
+    size_t saved;         /* columns that an in-place run would overwrite before the next strip reads them */
+    unsigned saved_width;
+    uint16_t chunk[LULL_MAX_LAYERS]; /* columns of a task, at the layer's own resolution before pooling */
+    /* State of a run: rows made of every tensor, and stored of the output. */
+    unsigned done[LULL_MAX_LAYERS + 1];
+    unsigned strip, stored, loaded;
+    float scale;
+};
+
+/* Rows of a layer's output (pooled if it pools) that can be made once its source and skip have made
+ * source_rows and skip_rows of theirs; `height` is the number of rows of its convolution in all. */
+unsigned lull_rows_ready(const lull_layer *layer, unsigned source_rows, unsigned skip_rows,
+                         unsigned height);
+
+/* The first row of a layer's source (or skip) that it still needs, having made `done` output rows. */
+unsigned lull_rows_needed(const lull_layer *layer, int of_skip, unsigned done);
+
+#endif

@@ -1,0 +1,12 @@
+/* The scalar port: plain C, every slot. The reference of the other ports. */
+#include "port_scalar.h"
+
+void lull_port_scalar(lull_kernels *kernels)
+{
+    kernels->block_f32 = LULL_SCALAR_BLOCK;
+    kernels->block_int = LULL_SCALAR_BLOCK;
+    kernels->conv_f32 = lull_conv_f32_scalar;
+    kernels->pool_f32 = lull_pool_f32_scalar;
+    kernels->conv_int = lull_conv_int_scalar;
+    kernels->pool_u8 = lull_pool_u8_scalar;
+}
