@@ -15,7 +15,6 @@ CC := cc
 endif
 HOSTCC ?= cc
 AR ?= ar
-PKG_CONFIG ?= pkg-config
 OPT ?= -O3
 WERROR ?= 0
 SAN ?=
@@ -57,7 +56,7 @@ SYSTEM := windows
 endif
 
 # 1 if the compiler takes these flags.
-takes = $(shell echo 'int lull_probe;' | $(CC) $(CFLAGS) $(1) -Werror -x c -fsyntax-only - \
+takes = $(shell echo 'int lull_probe;' | $(CC) $(CFLAGS) $(1) -Werror -x c -E - \
         >/dev/null 2>&1 && echo 1)
 
 port_flags = $(PORT_$(1)_FLAGS) $(PORT_$(1)_FLAGS_$(ARCH))
@@ -67,6 +66,15 @@ PORTS := $(foreach g,$(PORT_GROUPS),$(if $(call port_built,$(g)),$(g)))
 PORT_SOURCES := $(foreach g,$(PORTS),$(PORT_$(g)_SOURCES))
 
 # ---- Optional parts ------------------------------------------------------------------------------
+
+# This machine's pkg-config knows nothing of another machine's libraries: when cross compiling, they are
+# used only if PKG_CONFIG names one that does.
+HOST_CPU := $(firstword $(subst -, ,$(shell $(HOSTCC) -dumpmachine 2>/dev/null)))
+ifeq ($(CPU)$(filter -m32,$(CC) $(CFLAGS)),$(HOST_CPU))
+PKG_CONFIG ?= pkg-config
+else
+PKG_CONFIG ?= false
+endif
 
 # $(call part,setting,pkg-config module): 1 if wanted and found
 part = $(if $(filter 0,$($(1))),0,$(if $(shell $(PKG_CONFIG) --exists '$(2)' 2>/dev/null && echo 1),1,0))
