@@ -264,36 +264,32 @@ static void store_row(void *context, unsigned index, unsigned worker)
 
 /* ---- Steps ---------------------------------------------------------------------------------------- */
 
-/* Makes all rows of the layers that the loaded input rows allow. */
-static void advance(task *t, const lull_host *host)
+/* Loads input rows up to `rows`, which images from row base_row on hold. */
+static void load(task *t, unsigned rows, unsigned base_row, const lull_host *host)
+{
+    t->first = t->plan->done[0];
+    t->base_row = base_row;
+    parallel(t->plan, host, rows - t->first, load_row, t);
+    t->plan->done[0] = rows;
+}
+
+/* Every layer's turn; then stores the rows of the frame that became ready, in an output image that
+ * begins with row base_row. */
+static void advance(task *t, unsigned base_row, const lull_host *host)
 {
     lull_plan *plan = t->plan;
     const lull_graph *graph = &plan->model->graph;
+    unsigned ready;
     for (unsigned l = 0; l < graph->layers; l++) {
-        const lull_layer *layer = &graph->layer[l];
-        unsigned skip = layer->skip == LULL_TENSOR_NONE ? 0 : plan->done[layer->skip];
-        unsigned ready = lull_rows_ready(layer, plan->done[layer->source], skip,
-                                         plan->height >> layer->level);
+        ready = lull_plan_turn(plan, l);
         t->layer = l;
         t->first = plan->done[l + 1];
         parallel(plan, host, (ready - t->first) * chunks_of(t), layer_chunk, t);
         plan->done[l + 1] = ready;
     }
-}
-
-/* Loads input rows up to `rows` and everything that follows from them; stores the rows of the frame
- * that became ready, at the start of the output image where base_row says. */
-static void step(task *t, unsigned rows, unsigned store_base, const lull_host *host)
-{
-    lull_plan *plan = t->plan;
-    unsigned ready;
-    t->first = plan->done[0];
-    parallel(plan, host, rows - t->first, load_row, t);
-    plan->done[0] = rows;
-    advance(t, host);
-    ready = lull_min_u(plan->done[plan->model->graph.layers], plan->frame.height);
+    ready = lull_min_u(plan->done[graph->layers], plan->frame.height);
     t->first = plan->stored;
-    t->base_row = store_base;
+    t->base_row = base_row;
     parallel(plan, host, ready - t->first, store_row, t);
     plan->stored = ready;
 }
@@ -386,10 +382,12 @@ lull_status lull_run(lull_plan *plan, const lull_images *images, const lull_host
     plan->scale = choose_scale(&t, host);
     for (unsigned strip = 0; strip < plan->strips; strip++) {
         begin_strip(plan, &t, strip);
-        while (plan->done[0] < plan->height) {
+        while (plan->stored < plan->frame.height) {
             double made;
-            step(&t, lull_min_u(plan->done[0] + plan->row_step, plan->height), 0, host);
-            made = (double)strip + (double)plan->done[0] / plan->height;
+            load(&t, lull_min_u(plan->done[0] + plan->row_step, plan->height), 0, host);
+            advance(&t, 0, host);
+            made = strip + ((double)plan->done[0] / plan->height +
+                            (double)plan->stored / plan->frame.height) / 2;
             if (!keep_going(host, made / plan->strips)) {
                 plan->done[0] = LULL_ROWS_IDLE;
                 return LULL_CANCELLED;
@@ -435,15 +433,17 @@ lull_status lull_rows(lull_plan *plan, const lull_images *images, unsigned rows,
     input_base = plan->done[0];
     store_base = plan->stored;
     last = input_base + rows == plan->frame.height ? plan->height : input_base + rows;
-    while (plan->done[0] < last) { /* steps end where lull_run's do: the rings were sized for those */
+    do { /* turns are taken where lull_run's are: the rings were sized for those */
         unsigned next = (plan->done[0] / plan->row_step + 1) * plan->row_step;
-        t.base_row = input_base;
-        step(&t, lull_min_u(next, last), store_base, host);
+        load(&t, lull_min_u(next, last), input_base, host);
+        if (plan->done[0] % plan->row_step == 0 || plan->done[0] == plan->height)
+            advance(&t, store_base, host);
         if (!keep_going(host, (double)plan->done[0] / plan->height)) {
             plan->done[0] = LULL_ROWS_IDLE;
             return LULL_CANCELLED;
         }
-    }
+    } while (plan->done[0] < last ||
+             (last == plan->height && plan->stored < plan->frame.height));
     *ready = plan->stored - store_base;
     if (last == plan->height)
         plan->done[0] = LULL_ROWS_IDLE;

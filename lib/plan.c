@@ -6,11 +6,16 @@
  * this many bytes (half of a small L2 cache). */
 #define TASK_BYTES (192u << 10)
 #define CHUNK_STEP 24u /* columns of a task are multiples of this: even, and whole kernel tiles */
-#define DEFAULT_ROW_STEP 16u
 #define ROW_SLACK 16u /* readable bytes after a row's right border */
 
-unsigned lull_rows_ready(const lull_layer *layer, unsigned source_rows, unsigned skip_rows,
-                         unsigned height)
+/* Row steps, fastest first. A step of 1 would need more memory again: coarse layers then run ahead. */
+static const unsigned steps[] = {16, 8, 4, 2};
+#define STEP_COUNT (sizeof steps / sizeof steps[0])
+
+/* Rows of a layer's output (pooled if it pools) that can be made once its source and skip have made
+ * source_rows and skip_rows of theirs; `height` is the number of rows of its convolution in all. */
+static unsigned rows_ready(const lull_layer *layer, unsigned source_rows, unsigned skip_rows,
+                           unsigned height)
 {
     unsigned source_height = layer->up ? height / 2 : height;
     unsigned rows = height;
@@ -21,12 +26,23 @@ unsigned lull_rows_ready(const lull_layer *layer, unsigned source_rows, unsigned
     return layer->pool ? rows / 2 : rows;
 }
 
-unsigned lull_rows_needed(const lull_layer *layer, int of_skip, unsigned done)
+/* The first row of a layer's source (or skip) that it still needs, having made `done` output rows. */
+static unsigned rows_needed(const lull_layer *layer, int of_skip, unsigned done)
 {
     unsigned row = layer->pool ? 2 * done : done; /* the next convolution row */
     if (layer->up && !of_skip)
         row = (row + 1) / 2;
     return row == 0 ? 0 : row - 1;
+}
+
+unsigned lull_plan_turn(const lull_plan *plan, unsigned l)
+{
+    const lull_layer *layer = &plan->model->graph.layer[l];
+    unsigned skip_rows = layer->skip == LULL_TENSOR_NONE ? 0 : plan->done[layer->skip];
+    unsigned ready = rows_ready(layer, plan->done[layer->source], skip_rows,
+                                plan->height >> layer->level);
+    unsigned turn = lull_max_u(plan->row_step >> (layer->level + layer->pool), 1);
+    return lull_min_u(ready, plan->done[l + 1] + turn);
 }
 
 /* Rows of tensor t that are still needed, given what its consumers and the output have made. */
@@ -37,9 +53,9 @@ static unsigned rows_alive(const lull_plan *plan, unsigned tensor)
     for (unsigned l = 0; l < graph->layers; l++) {
         const lull_layer *layer = &graph->layer[l];
         if (layer->source == tensor)
-            needed = lull_min_u(needed, lull_rows_needed(layer, 0, plan->done[l + 1]));
+            needed = lull_min_u(needed, rows_needed(layer, 0, plan->done[l + 1]));
         if (layer->skip == tensor)
-            needed = lull_min_u(needed, lull_rows_needed(layer, 1, plan->done[l + 1]));
+            needed = lull_min_u(needed, rows_needed(layer, 1, plan->done[l + 1]));
     }
     if (tensor == graph->layers)
         needed = lull_min_u(needed, plan->stored);
@@ -55,14 +71,11 @@ static void play(lull_plan *plan)
     plan->delay_rows = 0;
     for (unsigned t = 0; t <= graph->layers; t++)
         plan->ring[t].rows = 1;
-    while (plan->done[0] < plan->height) {
+    while (plan->stored < plan->height) {
         plan->done[0] = lull_min_u(plan->done[0] + plan->row_step, plan->height);
         plan->ring[0].rows = lull_max_u(plan->ring[0].rows, rows_alive(plan, 0));
         for (unsigned l = 0; l < graph->layers; l++) {
-            const lull_layer *layer = &graph->layer[l];
-            unsigned skip_rows = layer->skip == LULL_TENSOR_NONE ? 0 : plan->done[layer->skip];
-            plan->done[l + 1] = lull_rows_ready(layer, plan->done[layer->source], skip_rows,
-                                                plan->height >> layer->level);
+            plan->done[l + 1] = lull_plan_turn(plan, l);
             plan->ring[l + 1].rows = lull_max_u(plan->ring[l + 1].rows, rows_alive(plan, l + 1));
         }
         if (plan->done[graph->layers] > plan->stored)
@@ -142,7 +155,7 @@ static void layout(lull_plan *plan)
 /* The narrowest and slowest plan. */
 static void layout_minimum(lull_plan *plan)
 {
-    plan->row_step = 1;
+    plan->row_step = steps[STEP_COUNT - 1];
     plan->strip_width = 1u << plan->model->graph.levels;
     layout(plan);
 }
@@ -174,12 +187,11 @@ static int fit_strips(lull_plan *plan, size_t limit)
  * overlaps twice, so small row steps are tried first. */
 static lull_status choose(lull_plan *plan)
 {
-    static const unsigned steps[] = {DEFAULT_ROW_STEP, 8, 4, 2, 1};
     const lull_frame *frame = &plan->frame;
     unsigned align = 1u << plan->model->graph.levels;
     size_t limit = frame->max_bytes ? frame->max_bytes : (size_t)-1;
     unsigned whole = lull_max_u(plan->width, align);
-    for (unsigned i = 0; i < sizeof steps / sizeof steps[0]; i++) {
+    for (unsigned i = 0; i < STEP_COUNT; i++) {
         plan->row_step = frame->row_step ? frame->row_step : steps[i];
         plan->strip_width = whole;
         if (frame->strip_width)

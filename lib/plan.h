@@ -1,10 +1,10 @@
 /* The schedule and memory of a run: which rows of which tensor are kept, and where. Holds offsets only.
  *
  * Rows stream through the network. Every tensor is a ring of the few rows that its consumers still need.
- * In one step `row_step` input rows come in, then each layer in turn makes all the rows that it now can.
- * How many that are, and how many rows stay needed, follows from the layers alone: lull_rows_ready and
- * lull_rows_needed. The planner plays the steps through once, without pixels, and takes the largest
- * number of rows alive as the ring's size.
+ * In one step `row_step` input rows come in, then each layer in turn makes the rows that it now can.
+ * How many that are, and how many rows stay needed, follows from the layers alone. The planner plays
+ * the steps through once, without pixels, and takes the largest number of rows alive as a ring's size.
+ * Steps go on after the last input row until the output is complete.
  */
 #ifndef LULL_PLAN_H
 #define LULL_PLAN_H
@@ -51,12 +51,8 @@ struct lull_plan {
     float scale;
 };
 
-/* Rows of a layer's output (pooled if it pools) that can be made once its source and skip have made
- * source_rows and skip_rows of theirs; `height` is the number of rows of its convolution in all. */
-unsigned lull_rows_ready(const lull_layer *layer, unsigned source_rows, unsigned skip_rows,
-                         unsigned height);
-
-/* The first row of a layer's source (or skip) that it still needs, having made `done` output rows. */
-unsigned lull_rows_needed(const lull_layer *layer, int of_skip, unsigned done);
+/* Rows that layer l will have made after its turn in the present step: all that its sources allow, but
+ * no more than a step's worth (else the last rows of the frame would all be alive at once). */
+unsigned lull_plan_turn(const lull_plan *plan, unsigned l);
 
 #endif
