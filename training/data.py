@@ -1,0 +1,232 @@
+"""Training data: pictures in memory (or mapped), and batches as a pure function of (seed, step).
+
+Because batch k depends on nothing but the seed and k, training resumes exactly, any number of
+loader processes gives the same order, and n processes with 1/n of the batch each see together what
+one process sees.
+"""
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from collections.abc import Callable
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from training import color
+from training.errors import DATA, ToolError
+from training.features import encode, load
+from training.scan import CHANNELS, FEATURES, Group, Scan
+
+BORDER_P, BORDER_MAX = 0.1, 15  # tiles that are cut short and zero padded, as at image borders
+BLACK_P = 0.01                  # tiles made black: aux features alone are no light
+
+
+@dataclass
+class Picture:
+    """A group: network codes as half floats, [H,W,C]; targets may lack the aux channels."""
+
+    name: str
+    inputs: list[np.ndarray]
+    weights: list[float]  # samples per pixel of the inputs, to average them
+    target: np.ndarray
+    names: list[str] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Augment:
+    """Probabilities and ranges of the augmentation; `plain` is Open Image Denoise's."""
+
+    exposure: float = 0.0   # stops of random exposure, +- (hdr only)
+    average: float = 0.0    # share of inputs replaced by the mean of all versions of the group
+    blend: float = 0.0      # share of inputs moved towards the target by a random amount
+    clean_aux: float = 0.0  # share of inputs that get the reference's aux features
+    signs: float = 0.0      # share of tiles whose normals get random axis signs
+
+
+class HalfTable:
+    """A transfer function and its inverse on half floats, as tables over all their codes."""
+
+    def __init__(self, transfer: str):
+        t = color.TRANSFERS[transfer]
+        code = np.arange(0x3C01, dtype=np.uint16).view(np.float16).astype(np.float64)  # [0,1]
+        self.to_radiance = t.inverse(code).astype(np.float32)
+        value = np.arange(0x7C00, dtype=np.uint16).view(np.float16).astype(np.float64)  # finite
+        self.to_code = np.clip(t.forward(value), 0.0, 1.0).astype(np.float32)
+
+    def decode(self, code: np.ndarray) -> np.ndarray:
+        """Radiance of half float codes in [0,1]."""
+        return np.take(self.to_radiance, np.ascontiguousarray(code).view(np.uint16), mode="clip")
+
+    def encode(self, radiance: np.ndarray) -> np.ndarray:
+        """Codes of finite radiance >= 0."""
+        half = np.minimum(radiance, np.float32(color.HDR_MAX)).astype(np.float16)
+        return np.take(self.to_code, half.view(np.uint16), mode="clip")
+
+
+def from_raw(found: Scan, features: list[str], main: str, transfer: str, clean_aux: bool = False,
+             layers: dict[str, str] | None = None,
+             log: Callable[[str], None] | None = None) -> list[Picture]:
+    """Decode a raw data set; what cannot be read is reported through `log` and left out."""
+    pictures = []
+    for group in found.groups:
+        try:
+            pictures.append(load_group(group, features, main, transfer, clean_aux, layers))
+        except ToolError as e:
+            if log:
+                log(f"left out {group.name}: {e}")
+    return pictures
+
+
+def load_group(group: Group, features: list[str], main: str, transfer: str,
+               clean_aux: bool = False, layers: dict[str, str] | None = None) -> Picture:
+    """One group exposed by its reference; the target keeps its aux features if it has them."""
+    assert group.target is not None
+    with_aux = clean_aux or not group.target.missing(features)
+    target = load(group.target, features if with_aux else [main], layers)
+    size = target[main].shape[:2]
+    exposure = color.autoexposure(target[main]) if main == "hdr" else 1.0
+
+    def half(images: dict[str, np.ndarray]) -> np.ndarray:
+        return np.clip(encode(images, main, transfer, exposure), 0.0, 1.0).astype(np.float16)
+
+    inputs = []
+    for version in group.inputs:
+        images = load(version, [main] if clean_aux else features, layers)
+        if images[main].shape[:2] != size:
+            height, width = images[main].shape[:2]
+            raise ToolError(f"{version.name}: {width}x{height} pixels, its reference has "
+                            f"{size[1]}x{size[0]}", DATA)
+        inputs.append(half(images))
+    return Picture(group.name, inputs, [float(v.spp or 1) for v in group.inputs], half(target),
+                   [v.name for v in group.inputs])
+
+
+class Batches:
+    """Map-style data set of batches: `self[step]` is (input [N,C,t,t], target [N,Cm,t,t]) in fp32.
+
+    An epoch visits every (input, target) pair once, one random tile of each; the last batch of an
+    epoch is filled from its beginning. rank of world takes its share of each batch.
+    """
+
+    def __init__(self, pictures: list[Picture], features: list[str], main: str, transfer: str,
+                 batch_size: int, tile: int, seed: int, augment: Augment = Augment(),
+                 clean_aux: bool = False, rank: int = 0, world: int = 1):
+        self.pictures, self.main, self.seed, self.augment = pictures, main, seed, augment
+        self.tile, self.clean_aux, self.batch_size = tile, clean_aux, batch_size
+        self.rank, self.world = rank, world
+        self.features = [f for f in FEATURES if f in features]
+        self.table = HalfTable(transfer)
+        self.main_channels = CHANNELS[main]
+        self.pairs = [(i, k) for i, p in enumerate(pictures) for k in range(len(p.inputs))]
+        if not self.pairs:
+            raise ToolError("no training images", DATA)
+        small = min(min(p.target.shape[:2]) for p in pictures)
+        if small < tile:
+            raise ToolError(f"an image is smaller than the tile size ({small} < {tile}): "
+                            f"choose --tile_size {small // 16 * 16} or less", 2)
+        self.steps_per_epoch = -(-len(self.pairs) // batch_size)
+
+    def __len__(self) -> int:
+        return 1 << 62
+
+    def __getitem__(self, step: int) -> tuple[Tensor, Tensor]:
+        epoch, index = divmod(step, self.steps_per_epoch)
+        order = np.random.default_rng([self.seed, 0, epoch]).permutation(len(self.pairs))
+        share = self.batch_size // self.world
+        first = index * self.batch_size + self.rank * share
+        xs, ys = [], []
+        for slot in range(first, first + share):
+            rng = np.random.default_rng([self.seed, 1, epoch, slot])
+            x, y = self.sample(self.pairs[order[slot % len(order)]], rng)
+            xs.append(x)
+            ys.append(y)
+        return torch.from_numpy(np.stack(xs)), torch.from_numpy(np.stack(ys))
+
+    def sample(self, pair: tuple[int, int],
+               rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+        """One augmented tile, [C,t,t] fp32 input and [Cm,t,t] target."""
+        picture = self.pictures[pair[0]]
+        t, h, w = self.tile, *picture.target.shape[:2]
+        short = [int(rng.integers(0, BORDER_MAX + 1)) if rng.random() < BORDER_P else 0
+                 for _ in range(2)]
+        th, tw = t - short[0], t - short[1]
+        y0, x0 = int(rng.integers(0, h - th + 1)), int(rng.integers(0, w - tw + 1))
+        cut = np.s_[y0:y0 + th, x0:x0 + tw]
+        x, y = self.light(picture, pair[1], cut, rng)
+        x, y = shuffle(x, y, self.features, self.main, rng, self.augment.signs)
+        if x.shape[-1] > y.shape[-1] and rng.random() < BLACK_P:
+            x[..., :y.shape[-1]] = 0.0
+            y[:] = 0.0
+        pad = ((0, t - x.shape[0]), (0, t - x.shape[1]), (0, 0))
+        return tuple(np.ascontiguousarray(np.pad(a, pad).transpose(2, 0, 1)) for a in (x, y))
+
+    def light(self, picture: Picture, k: int, cut, rng) -> tuple[np.ndarray, np.ndarray]:
+        """Input and target tile, [h,w,C] fp32, after the augmentations that touch radiance."""
+        m, a = self.main_channels, self.augment
+        x, y = picture.inputs[k][cut], picture.target[cut]
+        aux = y[..., m:] if self.clean_aux else x[..., m:]
+        stops = rng.uniform(-a.exposure, a.exposure) if self.main == "hdr" and a.exposure else 0.0
+        average = rng.random() < a.average and len(picture.inputs) > 1
+        blend = rng.random() < a.blend
+        if y.shape[-1] > m and rng.random() < a.clean_aux:
+            aux = y[..., m:]
+        elif average and not self.clean_aux:
+            aux = np.average([v[cut][..., m:].astype(np.float32) for v in picture.inputs], 0,
+                             picture.weights)
+        xm, ym = x[..., :m], y[..., :m]
+        if stops or average or blend:
+            xr, yr = self.table.decode(xm), self.table.decode(ym)
+            if average:
+                xr = np.average([self.table.decode(v[cut][..., :m]) for v in picture.inputs], 0,
+                                picture.weights).astype(np.float32)
+            if blend:
+                xr = yr + np.float32(rng.uniform(0.2, 1.0)) * (xr - yr)
+            scale = np.float32(2.0**stops)
+            xm, ym = self.table.encode(xr * scale), self.table.encode(yr * scale)
+        x = np.concatenate([xm, aux], -1).astype(np.float32)
+        return x, ym.astype(np.float32)
+
+
+def shuffle(x: np.ndarray, y: np.ndarray, features: list[str], main: str, rng: np.random.Generator,
+            signs: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """Random channel permutations, flips and transposition of a tile and its target, [h,w,C].
+
+    RGB of colour and albedo are permuted together, normals on their own (they may be in any space);
+    sh1 keeps three random channels of its nine.
+    """
+    rgb, xyz = rng.permutation(3), rng.permutation(3)
+    nine = rng.permutation(9)[:3]
+    parts, at = [], 0
+    for feature in features:
+        part = x[..., at:at + CHANNELS[feature]]
+        at += CHANNELS[feature]
+        if feature == "sh1":
+            part = part[..., nine]
+        elif feature in ("hdr", "ldr", "alb"):
+            part = part[..., rgb]
+        elif feature == "nrm":
+            part = part[..., xyz]
+            if feature != main and rng.random() < signs:
+                flip = rng.random(3) < 0.5
+                part = np.where(flip, 1.0 - part, part).astype(np.float32)
+        parts.append(part)
+    x = np.concatenate(parts, -1)
+    y = y[..., {"sh1": nine, "nrm": xyz, "z": [0]}.get(main, rgb)]
+    if rng.random() < 0.5:
+        x, y = x[::-1], y[::-1]
+    if rng.random() < 0.5:
+        x, y = x[:, ::-1], y[:, ::-1]
+    if rng.random() < 0.5:
+        x, y = x.transpose(1, 0, 2), y.transpose(1, 0, 2)
+    return x.copy(), y.copy()
+
+
+def hold_out(groups: list[Group], count: int) -> tuple[list[Group], list[Group]]:
+    """(training, validation): `count` groups spread evenly over the list are held out."""
+    count = min(count, len(groups) - 1)
+    chosen = {round((i + 0.5) * len(groups) / count) for i in range(count)} if count > 0 else set()
+    chosen = {min(i, len(groups) - 1) for i in chosen}
+    return ([g for i, g in enumerate(groups) if i not in chosen],
+            [g for i, g in enumerate(groups) if i in chosen])
+

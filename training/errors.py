@@ -1,0 +1,35 @@
+"""Errors of the toolkit: one line on stderr, an exit code per kind."""
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+
+USAGE, DATA, STATE, OUTPUT, DEPENDENCY = 2, 3, 4, 5, 6
+INTERRUPTED = 130
+
+
+class ToolError(Exception):
+    """A failure the user can act on. `code` is the exit status:
+
+    2 wrong option; 3 data missing, unreadable or inconsistent; 4 a result, checkpoint or data set
+    that is missing or does not fit; 5 output that cannot be written; 6 a package is missing.
+    """
+
+    def __init__(self, message: str, code: int = DATA):
+        super().__init__(message)
+        self.code = code
+
+
+def run(main: Callable[[list[str]], object], argv: list[str] | None = None) -> None:
+    """Run a script's main and leave the process: with 0, or one line on stderr and a code."""
+    try:
+        main(sys.argv[1:] if argv is None else argv)
+    except ToolError as e:
+        print(f"Error: {e}", file=sys.stderr)
+        sys.exit(e.code)
+    except KeyboardInterrupt:
+        print("Error: interrupted", file=sys.stderr)
+        sys.exit(INTERRUPTED)
+    except BrokenPipeError:
+        sys.exit(1)
+    sys.exit(0)

@@ -1,0 +1,96 @@
+"""From files to features: reading, ranges, network codes.
+
+After `load`: hdr >= 0; ldr, alb in [0,1]; nrm, sh1 in [-1,1]; z >= 0; all finite float32.
+"""
+from __future__ import annotations
+
+import numpy as np
+
+from training import color
+from training.errors import DATA, ToolError
+from training.imageio import read_exr_channels, read_image
+from training.layers import find_channels
+from training.scan import CHANNELS, MAIN_FEATURES, Version
+
+FLT_MAX = float(np.finfo(np.float32).max)
+SIGNED = ("nrm", "sh1")
+
+
+def clean(image: np.ndarray, feature: str) -> np.ndarray:
+    """Finite values in the range of the feature: NaN -> 0, infinities to the ends of the range."""
+    low, high = {"hdr": (0.0, FLT_MAX), "z": (0.0, FLT_MAX)}.get(
+        feature, (-1.0, 1.0) if feature in SIGNED else (0.0, 1.0))
+    return np.clip(np.nan_to_num(image, nan=0.0, posinf=FLT_MAX, neginf=-FLT_MAX), low, high,
+                   dtype=np.float32)
+
+
+def _fit(image: np.ndarray, channels: int) -> np.ndarray:
+    """First `channels` channels; missing ones repeat the last."""
+    have = image.shape[-1]
+    if have < channels:
+        image = np.concatenate([image] + [image[..., -1:]] * (channels - have), -1)
+    return image[..., :channels]
+
+
+def load_raw(version: Version, feature: str, layers: dict[str, str] | None = None) -> np.ndarray:
+    """The stored values of one feature, [H,W,C] float32, before any cleaning."""
+    if "*" in version.files and feature not in version.files and feature != "sh1":
+        path = version.files["*"]
+        channels = read_exr_channels(path)
+        names = find_channels(feature, channels, (layers or {}).get(feature))
+        if names is None:
+            raise ToolError(f"{path}: no channels for '{feature}' (has: {', '.join(channels)}; "
+                            f"choose with --layers {feature}=PREFIX)", DATA)
+        return _fit(np.stack([channels[n] for n in names], -1), CHANNELS[feature])
+    if feature == "sh1":
+        parts = [_fit(read_image(version.files[f"sh1{a}"]), 3) for a in "xyz"]
+        if len({p.shape for p in parts}) > 1:
+            raise ToolError(f"{version.name}: sh1x, sh1y and sh1z differ in size", DATA)
+        return np.concatenate(parts, -1)
+    path = version.files[feature]
+    image = _fit(read_image(path), CHANNELS[feature])
+    if feature == "hdr" and path.suffix.lower() == ".png":
+        raise ToolError(f"{path}: 8 or 16 bit pictures cannot hold 'hdr', name it .ldr.png", DATA)
+    if feature == "ldr" and path.suffix.lower() == ".png":
+        image = color.srgb_inverse(image)  # ldr is linear; PNG holds sRGB codes
+    elif feature == "nrm" and path.suffix.lower() == ".png":
+        image = image * 2.0 - 1.0
+    return image
+
+
+def load(version: Version, features: list[str],
+         layers: dict[str, str] | None = None) -> dict[str, np.ndarray]:
+    """Features of a version by name, cleaned; all of one size."""
+    images = {f: clean(load_raw(version, f, layers), f) for f in features}
+    sizes = {i.shape[:2] for i in images.values()}
+    if len(sizes) > 1:
+        text = ", ".join(f"{f} {i.shape[1]}x{i.shape[0]}" for f, i in images.items())
+        raise ToolError(f"{version.name}: features differ in size ({text})", DATA)
+    return images
+
+
+def encode(images: dict[str, np.ndarray], main: str, transfer: str,
+           exposure: float = 1.0) -> np.ndarray:
+    """Network codes, [H,W,C] float32: main feature through the transfer function, aux in [0,1]."""
+    parts = []
+    for feature, image in images.items():
+        if feature in SIGNED:
+            image = image * 0.5 + 0.5
+        if feature == main:
+            image = color.TRANSFERS[transfer].forward(image * np.float32(exposure))
+        elif feature == "z":
+            image = color.log_forward(image)
+        parts.append(image)
+    return np.concatenate(parts, -1).astype(np.float32)
+
+
+def main_feature(features: list[str]) -> str:
+    """The feature that is denoised; the others are auxiliary."""
+    mains = [f for f in features if f in MAIN_FEATURES]
+    if len(mains) > 1:
+        raise ToolError("multiple main features specified (one of hdr, ldr, sh1)", 2)
+    if mains:
+        return mains[0]
+    if len(features) == 1:
+        return features[0]
+    raise ToolError("no main feature specified (one of hdr, ldr, sh1)", 2)

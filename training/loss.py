@@ -1,0 +1,114 @@
+"""Losses between network output and target, both in transfer space, [N,C,H,W].
+
+All are functions of (a, b) -> scalar; a is the output, b the target. SSIM terms run in fp32.
+"""
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+STANDARD_WEIGHTS = (0.0448, 0.2856, 0.3001, 0.2363, 0.1333)  # MS-SSIM exponents, Wang 2003
+RT_WEIGHTS = (0.2,) * 5
+TAPS, SIGMA, K1, K2 = 11, 1.5, 0.01, 0.03
+
+
+def l1(a: Tensor, b: Tensor) -> Tensor:
+    return (a - b).abs().mean()
+
+
+def l2(a: Tensor, b: Tensor) -> Tensor:
+    return ((a - b) ** 2).mean()
+
+
+def mape(a: Tensor, b: Tensor) -> Tensor:
+    return ((a - b).abs() / (b.abs() + 0.01)).mean()
+
+
+def smape(a: Tensor, b: Tensor) -> Tensor:
+    return ((a - b).abs() / (a.abs() + b.abs() + 0.01)).mean()
+
+
+def grad(a: Tensor, b: Tensor) -> Tensor:
+    """Mean absolute difference of forward differences along x and y."""
+    d = a - b
+    dx, dy = d[..., :, 1:] - d[..., :, :-1], d[..., 1:, :] - d[..., :-1, :]
+    return (dx.abs().sum() + dy.abs().sum()) / (dx.numel() + dy.numel())
+
+
+def _window(like: Tensor) -> Tensor:
+    x = torch.arange(TAPS, dtype=torch.float32, device=like.device) - TAPS // 2
+    w = torch.exp(-(x**2) / (2 * SIGMA**2))
+    return w / w.sum()
+
+
+def _ssim_parts(a: Tensor, b: Tensor, peak: float) -> tuple[Tensor, Tensor]:
+    """Mean SSIM and mean contrast-structure term per image and channel, [N,C]; no padding."""
+    n, c = a.shape[:2]
+    maps = torch.cat((a, b, a * a, b * b, a * b), 1)
+    w = _window(a)
+    maps = maps.flatten(0, 1).unsqueeze(1)
+    maps = F.conv2d(F.conv2d(maps, w.view(1, 1, -1, 1)), w.view(1, 1, 1, -1))
+    mu_a, mu_b, aa, bb, ab = maps.view(n, 5, c, *maps.shape[-2:]).unbind(1)
+    c1, c2 = (K1 * peak) ** 2, (K2 * peak) ** 2
+    cs = (2 * (ab - mu_a * mu_b) + c2) / (aa - mu_a**2 + bb - mu_b**2 + c2)
+    lum = (2 * mu_a * mu_b + c1) / (mu_a**2 + mu_b**2 + c1)
+    return (lum * cs).mean((-2, -1)), cs.mean((-2, -1))
+
+
+def ssim_value(a: Tensor, b: Tensor, peak: float = 1.0) -> Tensor:
+    """Mean SSIM of [N,C,H,W]; both sides at least 11 pixels."""
+    if min(a.shape[-2:]) < TAPS:
+        raise ValueError(f"SSIM needs images of at least {TAPS}x{TAPS} pixels")
+    return _ssim_parts(a.float(), b.float(), peak)[0].mean()
+
+
+def msssim_scales(height: int, width: int, scales: int = 5) -> int:
+    """Scales of MS-SSIM that fit an image: `scales`, or fewer if the window outgrows the last ones.
+
+    All 5 need a smaller side above 160 as in Open Image Denoise; each scale less halves that.
+    """
+    while scales > 1 and min(height, width) <= (TAPS - 1) << (scales - 1):
+        scales -= 1
+    return scales
+
+
+def msssim_value(a: Tensor, b: Tensor, weights=STANDARD_WEIGHTS, peak: float = 1.0) -> Tensor:
+    """Mean MS-SSIM of [N,C,H,W]. Images too small for all scales use the finest ones that fit, with
+    exponents that keep their sum."""
+    a, b = a.float(), b.float()
+    scales = msssim_scales(*a.shape[-2:], scales=len(weights))
+    used = weights[:scales]
+    factor = sum(weights) / sum(used)
+    result = 1.0
+    for i, weight in enumerate(used):
+        full, cs = _ssim_parts(a, b, peak)
+        term = full if i == scales - 1 else cs
+        result = result * term.clamp(min=1e-6) ** (weight * factor)
+        if i < scales - 1:
+            a, b = F.avg_pool2d(a, 2), F.avg_pool2d(b, 2)
+    return result.mean()
+
+
+def make_loss(name: str, msssim_weights=None) -> Callable[[Tensor, Tensor], Tensor]:
+    """The loss called `name`; msssim_weights: exponents of the scales, finest first."""
+    weights = tuple(msssim_weights or STANDARD_WEIGHTS)
+
+    def ms(a, b):
+        return 1.0 - msssim_value(a, b, weights)
+
+    table = {
+        "l1": l1, "l2": l2, "mape": mape, "smape": smape,
+        "ssim": lambda a, b: 1.0 - ssim_value(a, b),
+        "msssim": ms,
+        "l1_msssim": lambda a, b: 0.16 * l1(a, b) + 0.84 * ms(a, b),
+        "l1_grad": lambda a, b: 0.5 * l1(a, b) + 0.5 * grad(a, b),
+    }
+    if name not in table:
+        raise ValueError(f"unknown loss '{name}' (known: {', '.join(table)})")
+    return table[name]
+
+
+LOSSES = ("l1", "mape", "smape", "l2", "ssim", "msssim", "l1_msssim", "l1_grad")

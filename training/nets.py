@@ -1,0 +1,161 @@
+"""Networks: torch modules built from lib/nets.def, the only description of topologies.
+
+A model is a topology of nets.def plus channel widths (configs/models.json, one width per layer
+except the last, whose width is the number of output channels). Tensors are named as in a weights
+file, `<layer>.weight` and `<layer>.bias`, so a state dict is the content of a TZA.
+"""
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+ROOT = Path(__file__).resolve().parent.parent
+NETS_DEF = ROOT / "lib" / "nets.def"
+MODELS_JSON = Path(__file__).resolve().parent / "configs" / "models.json"
+
+ALIGN = 16  # four 2x2 poolings: height and width of the input are multiples of this
+
+
+@dataclass(frozen=True)
+class Layer:
+    """One LAYER row of nets.def: a 3x3 convolution of the channels (source, skip)."""
+
+    name: str
+    source: str
+    up: int
+    skip: str | None
+    pool: int
+
+
+@dataclass(frozen=True)
+class Topology:
+    """One NET of nets.def; `key` is the layer whose presence identifies it in a weights file."""
+
+    name: str
+    family: str
+    key: str
+    layers: tuple[Layer, ...]
+
+
+def parse_nets(path: Path = NETS_DEF) -> dict[str, Topology]:
+    """Topologies of a nets.def by name, in the order in which weights are identified."""
+    text = re.sub(r"/\*.*?\*/", "", path.read_text(), flags=re.S)
+    text = re.sub(r"^#.*$", "", text, flags=re.M)
+    nets: dict[str, tuple[str, str, list[Layer]]] = {}
+    for macro, body in re.findall(r"\b(NET|LAYER)\s*\(([^)]*)\)", text):
+        args = [a.strip() for a in body.split(",")]
+        if macro == "NET":
+            nets[args[0]] = (args[1], args[2], [])
+        else:
+            net, name, source, up, skip, pool = args
+            nets[net][2].append(
+                Layer(name, source, int(up), None if skip == "none" else skip, int(pool)))
+    return {n: Topology(n, fam, key, tuple(layers)) for n, (fam, key, layers) in nets.items()}
+
+
+def identify(names: list[str]) -> Topology:
+    """The topology of a weights file that holds the tensors `names`."""
+    for net in parse_nets().values():
+        if f"{net.key}.weight" in names:
+            return net
+    raise ValueError("the tensors belong to no known network")
+
+
+def channel_chain(net: Topology, inputs: int, widths: list[int]) -> list[tuple[int, int]]:
+    """(input, output) channels of each layer; `widths` holds one number per layer."""
+    out = {"input": inputs}
+    chain = []
+    for layer, width in zip(net.layers, widths, strict=True):
+        chain.append((out[layer.source] + (out[layer.skip] if layer.skip else 0), width))
+        out[layer.name] = width
+    return chain
+
+
+class DirectNet(nn.Module):
+    """Family U: predicts the pixel in transfer space. [N,Cin,H,W] -> [N,Cout,H,W], H, W % 16 == 0.
+
+    The output layer has no ReLU here (training wants its gradient); whoever runs the network clamps
+    its output at 0.
+    """
+
+    def __init__(self, net: Topology, inputs: int, widths: list[int]):
+        super().__init__()
+        self.net, self.inputs, self.outputs = net, inputs, widths[-1]
+        for layer, (cin, cout) in zip(net.layers, channel_chain(net, inputs, widths), strict=True):
+            self.add_module(layer.name, nn.Conv2d(cin, cout, 3, padding=1))
+
+    def forward(self, x: Tensor) -> Tensor:
+        values = {"input": x}
+        last = self.net.layers[-1].name
+        for layer in self.net.layers:
+            y = values[layer.source]
+            if layer.up == 2:
+                y = F.interpolate(y, scale_factor=2, mode="nearest")
+            if layer.skip:
+                y = torch.cat((y, values[layer.skip]), 1)
+            y = getattr(self, layer.name)(y)
+            if layer.name != last:
+                y = F.relu_(y)
+            if layer.pool == 2:
+                y = F.max_pool2d(y, 2)
+            values[layer.name] = y
+        return y
+
+    def macs_per_pixel(self) -> float:
+        """Multiply-adds per full-resolution pixel of one run."""
+        total, scale = 0.0, {"input": 1.0}
+        for layer in self.net.layers:
+            area = scale[layer.source] * layer.up**2
+            total += area * getattr(self, layer.name).weight.numel()
+            scale[layer.name] = area / layer.pool**2
+        return total
+
+
+FAMILIES = {"U": DirectNet}  # family letter of nets.def -> module
+
+
+def model_table() -> dict[str, dict]:
+    """configs/models.json: model name -> {"net": topology, "widths": [...]}."""
+    return json.loads(MODELS_JSON.read_text())
+
+
+def build(model: str, inputs: int, outputs: int = 3) -> nn.Module:
+    """A fresh model by name, or `<topology>:w,w,...` with one width per layer but the last."""
+    if ":" in model:
+        name, text = model.split(":", 1)
+        spec = {"net": name, "widths": [int(w) for w in text.split(",")]}
+    else:
+        table = model_table()
+        if model not in table:
+            raise ValueError(f"unknown model '{model}' (known: {', '.join(table)})")
+        spec = table[model]
+    nets = parse_nets()
+    if spec["net"] not in nets:
+        raise ValueError(f"unknown topology '{spec['net']}' (known: {', '.join(nets)})")
+    net = nets[spec["net"]]
+    if len(spec["widths"]) != len(net.layers) - 1:
+        raise ValueError(f"model '{model}' needs {len(net.layers) - 1} widths")
+    return FAMILIES[net.family](net, inputs, [*spec["widths"], outputs])
+
+
+def from_tensors(tensors: dict) -> nn.Module:
+    """The module of a weights file's tensors (arrays by name); channel widths are their shapes."""
+    net = identify(list(tensors))
+    widths = [int(tensors[f"{layer.name}.bias"].shape[0]) for layer in net.layers]
+    inputs = int(tensors[f"{net.layers[0].name}.weight"].shape[1])
+    model = FAMILIES[net.family](net, inputs, widths)
+    wanted = model.state_dict()
+    model.load_state_dict({k: torch.tensor(tensors[k]).float() for k in wanted})
+    return model
+
+
+def pad_to(x: Tensor, align: int = ALIGN) -> Tensor:
+    """[N,C,H,W] zero padded at the bottom and right to multiples of `align`."""
+    h, w = x.shape[-2:]
+    return F.pad(x, (0, -w % align, 0, -h % align))
