@@ -133,7 +133,7 @@ static void load_row(void *context, unsigned index, unsigned worker)
 /* ---- Layers --------------------------------------------------------------------------------------- */
 
 /* Three rows of 3x3 taps around row y, for output pixels x, x + stride, ... */
-static void add_rows(lull_conv_f32 *conv, const lull_plan *plan, unsigned tensor, int y, unsigned x,
+static void add_rows(lull_conv *conv, const lull_plan *plan, unsigned tensor, int y, unsigned x,
                      unsigned stride, const lull_packed_layer *packed, unsigned block)
 {
     unsigned channels = plan->ring[tensor].channels;
@@ -148,7 +148,7 @@ static void add_rows(lull_conv_f32 *conv, const lull_plan *plan, unsigned tensor
 }
 
 /* Two rows of the 2x2 phase kernel of an upsampled source, for output pixels x, x + 2, ... */
-static void add_phase(lull_conv_f32 *conv, const lull_plan *plan, const lull_layer *layer, int y,
+static void add_phase(lull_conv *conv, const lull_plan *plan, const lull_layer *layer, int y,
                       unsigned x, const lull_packed_layer *packed)
 {
     unsigned channels = layer->in_source, phase = 2 * ((unsigned)y & 1) + (x & 1);
@@ -172,8 +172,8 @@ static void conv_row(const lull_plan *plan, unsigned l, float *out, unsigned x, 
     const lull_layer *layer = &plan->model->graph.layer[l];
     const lull_packed_layer *packed = &plan->model->layer[l];
     unsigned phases = layer->up ? 2 : 1;
-    lull_conv_f32 conv;
-    conv.bias = (const float *)(const void *)((const uint8_t *)plan->model + packed->bias);
+    lull_conv conv;
+    conv.bias = (const uint8_t *)plan->model + packed->bias;
     conv.outputs = layer->outputs;
     conv.out_step = (size_t)phases * layer->outputs;
     conv.pixels = n / phases;

@@ -20,33 +20,32 @@ typedef struct lull_segment {
     uint32_t step;       /* elements from one output pixel's run to the next one's */
 } lull_segment;
 
-/* out[p * out_step + o] = max(0, bias[o] + sum over segments and k of row[p * step + k] * weight[o][k])
- * summed in the order of the segments and of k for each output. B is the table's block_f32; bias is
- * zero-padded to whole blocks; exactly `outputs` elements of a pixel are written. */
-typedef struct lull_conv_f32 {
-    float *out;
-    size_t out_step;
-    const float *bias;
+/* A convolution, for both kinds of arithmetic. Exactly `outputs` elements of every pixel are written.
+ *
+ * conv_f32:  out[p * out_step + o] = max(0, bias[o] + sum over segments and k of
+ *                                            row[p * step + k] * weight[o][k])
+ *     summed in the order of the segments and of k for each output; B is the table's block_f32.
+ *
+ * conv_int (docs/arithmetic.md): activations are unsigned 8 bit (narrow) or 15 bit in uint16_t (wide),
+ *     weights int8.
+ *         s = sum over the first `wide` segments
+ *         a = ((s + (1 << wide_shift >> 1)) >> wide_shift) + bias[o] + sum over the other segments
+ *         q = clamp((a * multiplier[o] + 2^30) >> 31, 0, out_max)      (64-bit product)
+ *     out_max <= 255 stores uint8_t, larger (to 32767) uint16_t. Runs are read in whole dwords: 4 narrow
+ *     or 2 wide elements; the weights of elements past the run are zero. A weight dword holds 4 int8 or
+ *     2 int16 in memory order. B is the table's block_int.
+ *
+ * bias and multiplier are zero-padded to whole blocks. */
+typedef struct lull_conv {
+    void *out;
+    size_t out_step;           /* elements from one output pixel to the next */
+    const void *bias;          /* float or int32_t */
+    const int32_t *multiplier; /* integer only, like the next three */
+    unsigned wide, wide_shift;
+    int32_t out_max;
     unsigned outputs, pixels, segments;
     lull_segment segment[LULL_MAX_SEGMENTS];
-} lull_conv_f32;
-
-/* Integer convolution; docs/arithmetic.md states it. Activations are unsigned 8 bit (narrow) or 15 bit
- * in uint16_t, 0..32767 (wide); weights int8:
- *     s = sum over the first `wide` segments
- *     a = ((s + (1 << wide_shift >> 1)) >> wide_shift) + bias[o] + sum over the other segments
- *     q = clamp((a * multiplier[o] + 2^30) >> 31, 0, out_max)      (64-bit product)
- * out_max <= 255 stores uint8_t, larger (to 32767) uint16_t. Runs are read in whole dwords: 4 narrow
- * or 2 wide elements; the weights of elements past the run are zero. A weight dword holds 4 int8 or 2
- * int16 in memory order. B is the table's block_int; bias and multiplier are padded to whole blocks. */
-typedef struct lull_conv_int {
-    void *out;
-    size_t out_step; /* elements */
-    const int32_t *bias, *multiplier;
-    unsigned outputs, pixels, segments, wide, wide_shift;
-    int32_t out_max;
-    lull_segment segment[LULL_MAX_SEGMENTS];
-} lull_conv_int;
+} lull_conv;
 
 typedef struct lull_kernels {
     unsigned block_f32; /* output channels a weight block holds, fp32 */

@@ -4,13 +4,13 @@
 #define TILE 4u /* pixels computed together */
 
 /* One block of outputs of `pixels` <= TILE pixels from pixel p on. */
-static void tile(const lull_conv_f32 *conv, unsigned block, unsigned p, unsigned pixels)
+static void tile(const lull_conv *conv, unsigned block, unsigned p, unsigned pixels)
 {
     float sum[TILE][B];
     unsigned first = block * B, n = lull_min_u(B, conv->outputs - first);
     for (unsigned i = 0; i < TILE; i++)
         for (unsigned o = 0; o < B; o++)
-            sum[i][o] = conv->bias[first + o];
+            sum[i][o] = ((const float *)conv->bias)[first + o];
     for (unsigned s = 0; s < conv->segments; s++) {
         const lull_segment *segment = &conv->segment[s];
         const float *w = (const float *)segment->weights + (size_t)block * segment->length * B;
@@ -23,10 +23,11 @@ static void tile(const lull_conv_f32 *conv, unsigned block, unsigned p, unsigned
     }
     for (unsigned i = 0; i < pixels; i++)
         for (unsigned o = 0; o < n; o++)
-            conv->out[(p + i) * conv->out_step + first + o] = sum[i][o] > 0.0f ? sum[i][o] : 0.0f;
+            ((float *)conv->out)[(p + i) * conv->out_step + first + o] =
+                sum[i][o] > 0.0f ? sum[i][o] : 0.0f;
 }
 
-void lull_conv_f32_scalar(const lull_conv_f32 *conv)
+void lull_conv_f32_scalar(const lull_conv *conv)
 {
     for (unsigned block = 0; block * B < conv->outputs; block++) {
         unsigned p = 0;

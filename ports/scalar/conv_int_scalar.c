@@ -22,7 +22,7 @@ static void add_narrow(int32_t *sum, const lull_segment *segment, unsigned block
                       x[3] * w[4 * o + 3];
 }
 
-static void pixel(const lull_conv_int *conv, unsigned block, unsigned p)
+static void pixel(const lull_conv *conv, unsigned block, unsigned p)
 {
     int32_t sum[B] = {0};
     unsigned first = block * B, n = lull_min_u(B, conv->outputs - first), s = 0;
@@ -31,7 +31,7 @@ static void pixel(const lull_conv_int *conv, unsigned block, unsigned p)
         add_wide(sum, &conv->segment[s], block, p);
     for (unsigned o = 0; o < B; o++)
         sum[o] = ((sum[o] + (1 << conv->wide_shift >> 1)) >> conv->wide_shift) +
-                 conv->bias[first + o];
+                 ((const int32_t *)conv->bias)[first + o];
     for (; s < conv->segments; s++)
         add_narrow(sum, &conv->segment[s], block, p);
     for (unsigned o = 0; o < n; o++) {
@@ -44,7 +44,7 @@ static void pixel(const lull_conv_int *conv, unsigned block, unsigned p)
     }
 }
 
-void lull_conv_int_scalar(const lull_conv_int *conv)
+void lull_conv_int_scalar(const lull_conv *conv)
 {
     for (unsigned block = 0; block * B < conv->outputs; block++)
         for (unsigned p = 0; p < conv->pixels; p++)

@@ -6,10 +6,10 @@
 /* Output channels of a weight block: enough for compilers to vectorise the inner loops. */
 #define LULL_SCALAR_BLOCK 8u
 
-void lull_conv_f32_scalar(const lull_conv_f32 *conv);
+void lull_conv_f32_scalar(const lull_conv *conv);
 void lull_pool_f32_scalar(float *out, const float *above, const float *below, unsigned channels,
                           unsigned pixels);
-void lull_conv_int_scalar(const lull_conv_int *conv);
+void lull_conv_int_scalar(const lull_conv *conv);
 void lull_pool_u8_scalar(uint8_t *out, const uint8_t *above, const uint8_t *below,
                          unsigned channels, unsigned pixels);
 

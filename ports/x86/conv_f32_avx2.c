@@ -27,11 +27,11 @@ LULL_INLINE __m256i first_lanes(unsigned n)
 }
 
 /* Two vectors of outputs from `first` on, TILE_2 pixels from p on. */
-static void tile_2x6(const lull_conv_f32 *conv, unsigned first, unsigned p, unsigned n, __m256i mask)
+static void tile_2x6(const lull_conv *conv, unsigned first, unsigned p, unsigned n, __m256i mask)
 {
-    float *out = conv->out + (size_t)p * conv->out_step + first;
-    __m256 bias0 = _mm256_loadu_ps(conv->bias + first);
-    __m256 bias1 = _mm256_loadu_ps(conv->bias + first + 8);
+    float *out = (float *)conv->out + (size_t)p * conv->out_step + first;
+    __m256 bias0 = _mm256_loadu_ps((const float *)conv->bias + first);
+    __m256 bias1 = _mm256_loadu_ps((const float *)conv->bias + first + 8);
 #define DECLARE(i) __m256 a##i = bias0, b##i = bias1;
     SIX(DECLARE)
 #undef DECLARE
@@ -61,11 +61,11 @@ static void tile_2x6(const lull_conv_f32 *conv, unsigned first, unsigned p, unsi
 }
 
 /* One vector of outputs, TILE_1 pixels. */
-static void tile_1x12(const lull_conv_f32 *conv, unsigned first, unsigned p, unsigned n,
+static void tile_1x12(const lull_conv *conv, unsigned first, unsigned p, unsigned n,
                       __m256i mask)
 {
-    float *out = conv->out + (size_t)p * conv->out_step + first;
-    __m256 bias = _mm256_loadu_ps(conv->bias + first);
+    float *out = (float *)conv->out + (size_t)p * conv->out_step + first;
+    __m256 bias = _mm256_loadu_ps((const float *)conv->bias + first);
 #define DECLARE(i) __m256 a##i = bias;
     TWELVE(DECLARE)
 #undef DECLARE
@@ -92,9 +92,9 @@ static void tile_1x12(const lull_conv_f32 *conv, unsigned first, unsigned p, uns
 }
 
 /* One vector, one pixel: the same sums in the same order. */
-static void tile_1x1(const lull_conv_f32 *conv, unsigned first, unsigned p, unsigned n, __m256i mask)
+static void tile_1x1(const lull_conv *conv, unsigned first, unsigned p, unsigned n, __m256i mask)
 {
-    __m256 a = _mm256_loadu_ps(conv->bias + first);
+    __m256 a = _mm256_loadu_ps((const float *)conv->bias + first);
     for (unsigned s = 0; s < conv->segments; s++) {
         const lull_segment *segment = &conv->segment[s];
         const float *w = (const float *)segment->weights + (size_t)first * segment->length;
@@ -102,7 +102,7 @@ static void tile_1x1(const lull_conv_f32 *conv, unsigned first, unsigned p, unsi
         for (unsigned k = 0; k < segment->length; k++)
             a = _mm256_fmadd_ps(_mm256_broadcast_ss(x + k), _mm256_loadu_ps(w + 8 * (size_t)k), a);
     }
-    store(conv->out + (size_t)p * conv->out_step + first, a, n, mask);
+    store((float *)conv->out + (size_t)p * conv->out_step + first, a, n, mask);
 }
 
 /* Pixels in tiles; the last tile is moved back to end at the last pixel. */
@@ -113,7 +113,7 @@ static void tile_1x1(const lull_conv_f32 *conv, unsigned first, unsigned p, unsi
         tile(conv, first, p, n, mask);                              \
     }
 
-void lull_conv_f32_avx2(const lull_conv_f32 *conv)
+void lull_conv_f32_avx2(const lull_conv *conv)
 {
     unsigned first = 0;
     while (first < conv->outputs) {

@@ -7,6 +7,6 @@
 #error "this file is compiled with -mavx2 -mfma"
 #endif
 
-void lull_conv_f32_avx2(const lull_conv_f32 *conv);
+void lull_conv_f32_avx2(const lull_conv *conv);
 
 #endif
