@@ -84,10 +84,28 @@ static void load_feature(float *out, const task *t, unsigned feature, int is_mai
         lull_transfer_forward(rule.transfer, out, 3 * (size_t)n);
 }
 
-/* The n floats before `from` to before `to`. */
-static void copy_columns(float *to, const float *from, size_t n)
+/* The n bytes before `from` to before `to`. */
+static void copy_before(uint8_t *to, const uint8_t *from, size_t n)
 {
-    memcpy(to - n, from - n, n * sizeof *to);
+    memcpy(to - n, from - n, n);
+}
+
+/* Three channels of n pixels, from channel `at` on, of the network's input row. */
+static void put_input(const lull_plan *plan, uint8_t *row, const float *v, unsigned at, unsigned n)
+{
+    const float *scale = plan->model->input_scale + at;
+    for (unsigned i = 0; i < n; i++, v += 3, row += lull_ring_pixel(&plan->ring[0])) {
+        uint16_t codes[3];
+        if (plan->ring[0].dtype == LULL_DTYPE_F32) {
+            memcpy(row + at * sizeof *v, v, 3 * sizeof *v);
+            continue;
+        }
+        for (unsigned c = 0; c < 3; c++) {
+            float code = v[c] * scale[c] + 0.5f;
+            codes[c] = code < 32767.0f ? (uint16_t)code : 32767;
+        }
+        memcpy(row + at * sizeof *codes, codes, sizeof codes);
+    }
 }
 
 /* One row of the network's input, columns [t->left, t->right). */
@@ -96,21 +114,18 @@ static void load_row(void *context, unsigned index, unsigned worker)
     const task *t = context;
     lull_plan *plan = t->plan;
     const lull_frame *frame = &plan->frame;
-    unsigned y = t->first + index, channels = plan->model->graph.inputs;
-    float *row = (float *)(void *)row_of(plan, 0, y), *saved;
+    unsigned y = t->first + index, x = t->left, right = lull_min_u(t->right, frame->width);
+    uint8_t *row = row_of(plan, 0, y), *saved = (uint8_t *)plan + plan->saved;
+    size_t pixel = lull_ring_pixel(&plan->ring[0]);
     float *block = (float *)(void *)((uint8_t *)plan + plan->scratch +
                                      plan->scratch_bytes * worker);
-    unsigned x = t->left, right = lull_min_u(t->right, frame->width);
-    memset(row, 0, (size_t)(t->right - t->left) * channels * sizeof *row);
+    memset(row, 0, (t->right - t->left) * pixel);
     if (y >= frame->height)
         return;
-    saved = (float *)(void *)((uint8_t *)plan + plan->saved) +
-            (size_t)y * plan->saved_width * channels;
+    saved += ((size_t)y + 1) * plan->saved_width * pixel; /* the end of row y's */
     if (plan->saved_width && t->begin > 0) { /* overwritten by the strips before */
         x = t->begin;
-        copy_columns(row + (size_t)(x - t->left) * channels,
-                     saved + (size_t)plan->saved_width * channels,
-                     lull_min_u(plan->saved_width, x) * channels);
+        copy_before(row + (x - t->left) * pixel, saved, lull_min_u(plan->saved_width, x) * pixel);
     }
     for (; x < right; x += BLOCK) {
         unsigned n = lull_min_u(BLOCK, right - x), at = 0;
@@ -118,75 +133,89 @@ static void load_row(void *context, unsigned index, unsigned worker)
             if (!(frame->features >> feature & 1))
                 continue;
             load_feature(block, t, feature, at == 0, x, y - t->base_row, n);
-            for (unsigned i = 0; i < n; i++)
-                memcpy(row + (size_t)(x - t->left + i) * channels + at, block + 3 * i,
-                       3 * sizeof *row);
+            put_input(plan, row + (x - t->left) * pixel, block, at, n);
             at += 3;
         }
     }
     if (plan->saved_width)
-        copy_columns(saved + (size_t)plan->saved_width * channels,
-                     row + (size_t)(t->end - t->left) * channels,
-                     lull_min_u(plan->saved_width, t->end) * channels);
+        copy_before(saved, row + (t->end - t->left) * pixel,
+                    lull_min_u(plan->saved_width, t->end) * pixel);
 }
 
 /* ---- Layers --------------------------------------------------------------------------------------- */
 
-/* Three rows of 3x3 taps around row y, for output pixels x, x + stride, ... */
-static void add_rows(lull_conv *conv, const lull_plan *plan, unsigned tensor, int y, unsigned x,
-                     unsigned stride, const lull_packed_layer *packed, unsigned block)
+/* Appends the run of `columns` pixels from column x on of row y of a tensor. */
+static void add_run(lull_conv *conv, const lull_plan *plan, unsigned tensor, int y, int x,
+                    unsigned columns, unsigned stride, size_t weights)
 {
-    unsigned channels = plan->ring[tensor].channels;
-    for (int dy = 0; dy < 3; dy++) {
-        lull_segment *segment = &conv->segment[conv->segments++];
-        const float *row = (const float *)(const void *)source_row(plan, tensor, y + dy - 1);
-        segment->row = row + ((ptrdiff_t)x - 1) * (ptrdiff_t)channels;
-        segment->weights = (const uint8_t *)plan->model + packed->weights[block + (unsigned)dy];
-        segment->length = 3 * channels;
-        segment->step = stride * channels;
-    }
+    const lull_ring *ring = &plan->ring[tensor];
+    lull_segment *segment = &conv->segment[conv->segments++];
+    segment->row = source_row(plan, tensor, y) + x * (ptrdiff_t)lull_ring_pixel(ring);
+    segment->weights = (const uint8_t *)plan->model + weights;
+    segment->length = lull_pack_length((lull_dtype)ring->dtype, columns * ring->channels);
+    segment->step = stride * ring->channels;
+    if (ring->dtype == LULL_DTYPE_U15)
+        conv->wide = conv->segments;
 }
 
-/* Two rows of the 2x2 phase kernel of an upsampled source, for output pixels x, x + 2, ... */
-static void add_phase(lull_conv *conv, const lull_plan *plan, const lull_layer *layer, int y,
-                      unsigned x, const lull_packed_layer *packed)
+/* The source of layer l around pixel (x, y): three rows of 3x3 taps, or, upsampled, the two rows of the
+ * phase's 2x2 taps for the pixels x, x + 2, ... */
+static void add_source(lull_conv *conv, const lull_plan *plan, unsigned l, int x, int y)
 {
-    unsigned channels = layer->in_source, phase = 2 * ((unsigned)y & 1) + (x & 1);
-    int above = (y + 1) / 2 - 1, left = ((int)x + 1) / 2 - 1;
-    for (int dy = 0; dy < 2; dy++) {
-        lull_segment *segment = &conv->segment[conv->segments++];
-        const float *row =
-            (const float *)(const void *)source_row(plan, layer->source, above + dy);
-        segment->row = row + (ptrdiff_t)left * (ptrdiff_t)channels;
-        segment->weights = (const uint8_t *)plan->model +
-                           packed->weights[lull_pack_block(layer, phase, (unsigned)dy)];
-        segment->length = 2 * channels;
-        segment->step = channels;
+    const lull_layer *layer = &plan->model->graph.layer[l];
+    const size_t *weights = plan->model->layer[l].weights;
+    unsigned phase = 2 * ((unsigned)y & 1) + ((unsigned)x & 1);
+    int rows = layer->up ? 2 : 3;
+    if (layer->up) {
+        x = (x + 1) / 2;
+        y = (y + 1) / 2;
     }
+    for (int dy = 0; dy < rows; dy++)
+        add_run(conv, plan, layer->source, y - 1 + dy, x - 1, (unsigned)rows, 1,
+                weights[lull_pack_block(layer, phase, (unsigned)dy)]);
+}
+
+/* The skip of layer l around the pixels x, x + stride, ... of row y. */
+static void add_skip(lull_conv *conv, const lull_plan *plan, unsigned l, int x, int y,
+                     unsigned stride)
+{
+    const lull_layer *layer = &plan->model->graph.layer[l];
+    if (layer->skip == LULL_TENSOR_NONE)
+        return;
+    for (int dy = 0; dy < 3; dy++)
+        add_run(conv, plan, layer->skip, y - 1 + dy, x - 1, 3, stride,
+                plan->model->layer[l].weights[LULL_PACK_SKIP + dy]);
 }
 
 /* Columns [x, x+n) of row y of a layer's convolution; x and n even if the source is upsampled. */
-static void conv_row(const lull_plan *plan, unsigned l, float *out, unsigned x, unsigned y,
+static void conv_row(const lull_plan *plan, unsigned l, uint8_t *out, unsigned x, unsigned y,
                      unsigned n)
 {
     const lull_layer *layer = &plan->model->graph.layer[l];
     const lull_packed_layer *packed = &plan->model->layer[l];
+    const lull_kernels *kernels = &plan->model->kernels;
+    int is_wide = plan->ring[l + 1].dtype == LULL_DTYPE_U15;
+    int skip_first = layer->skip != LULL_TENSOR_NONE &&
+                     plan->ring[layer->skip].dtype == LULL_DTYPE_U15; /* wide segments go first */
     unsigned phases = layer->up ? 2 : 1;
     lull_conv conv;
     conv.bias = (const uint8_t *)plan->model + packed->bias;
+    conv.multiplier =
+        (const int32_t *)(const void *)((const uint8_t *)plan->model + packed->multiplier);
+    conv.wide_shift = packed->wide_shift;
+    conv.out_max = is_wide ? 32767 : 255;
     conv.outputs = layer->outputs;
     conv.out_step = (size_t)phases * layer->outputs;
     conv.pixels = n / phases;
     for (unsigned phase = 0; phase < phases; phase++) {
-        conv.out = out + (size_t)phase * layer->outputs;
-        conv.segments = 0;
-        if (layer->up)
-            add_phase(&conv, plan, layer, (int)y, x + phase, packed);
-        else
-            add_rows(&conv, plan, layer->source, (int)y, x, 1, packed, LULL_PACK_SOURCE);
-        if (layer->skip != LULL_TENSOR_NONE)
-            add_rows(&conv, plan, layer->skip, (int)y, x + phase, phases, packed, LULL_PACK_SKIP);
-        plan->model->kernels.conv_f32(&conv);
+        conv.out = out + phase * lull_ring_pixel(&plan->ring[l + 1]);
+        conv.segments = conv.wide = 0;
+        if (skip_first)
+            add_skip(&conv, plan, l, (int)(x + phase), (int)y, phases);
+        add_source(&conv, plan, l, (int)(x + phase), (int)y);
+        if (!skip_first)
+            add_skip(&conv, plan, l, (int)(x + phase), (int)y, phases);
+        (plan->model->graph.is_integer ? kernels->conv_int : kernels->conv_f32)(&conv);
     }
 }
 
@@ -206,18 +235,22 @@ static void layer_chunk(void *context, unsigned index, unsigned worker)
     unsigned chunks = chunks_of(t), y = t->first + index / chunks;
     unsigned x = index % chunks * plan->chunk[t->layer];
     unsigned n = lull_min_u(plan->chunk[t->layer], ((t->right - t->left) >> layer->level) - x);
-    float *row = (float *)(void *)row_of(plan, t->layer + 1, y);
-    float *above, *below;
+    uint8_t *row = row_of(plan, t->layer + 1, y), *above, *below;
+    size_t pixel = lull_ring_pixel(&plan->ring[t->layer + 1]);
     if (!layer->pool) {
-        conv_row(plan, t->layer, row + (size_t)x * layer->outputs, x, y, n);
+        conv_row(plan, t->layer, row + x * pixel, x, y, n);
         return;
     }
-    above = (float *)(void *)((uint8_t *)plan + plan->scratch + plan->scratch_bytes * worker);
-    below = above + (size_t)n * layer->outputs;
+    above = (uint8_t *)plan + plan->scratch + plan->scratch_bytes * worker;
+    below = above + n * pixel;
     conv_row(plan, t->layer, above, x, 2 * y, n);
     conv_row(plan, t->layer, below, x, 2 * y + 1, n);
-    plan->model->kernels.pool_f32(row + (size_t)(x / 2) * layer->outputs, above, below,
-                                  layer->outputs, n / 2);
+    row += x / 2 * pixel;
+    if (plan->model->graph.is_integer)
+        plan->model->kernels.pool_u8(row, above, below, layer->outputs, n / 2);
+    else
+        plan->model->kernels.pool_f32((float *)(void *)row, (const float *)(const void *)above,
+                                      (const float *)(const void *)below, layer->outputs, n / 2);
 }
 
 /* ---- Output --------------------------------------------------------------------------------------- */
@@ -243,20 +276,34 @@ static void finish(float *v, const lull_plan *plan, unsigned channels, unsigned 
     }
 }
 
+/* The first three channels of n pixels of the network's output as floats. */
+static void get_output(const lull_plan *plan, float *out, const uint8_t *row, unsigned n)
+{
+    const lull_ring *ring = &plan->ring[plan->model->graph.layers];
+    for (unsigned i = 0; i < n; i++, out += 3, row += lull_ring_pixel(ring)) {
+        uint16_t codes[3];
+        if (ring->dtype == LULL_DTYPE_F32) {
+            memcpy(out, row, 3 * sizeof *out);
+            continue;
+        }
+        memcpy(codes, row, sizeof codes);
+        for (unsigned c = 0; c < 3; c++)
+            out[c] = (float)codes[c] * plan->model->output_scale;
+    }
+}
+
 /* One row of the output image, columns [t->begin, t->end). */
 static void store_row(void *context, unsigned index, unsigned worker)
 {
     const task *t = context;
     lull_plan *plan = t->plan;
     unsigned y = t->first + index, last = plan->model->graph.layers;
-    unsigned channels = plan->ring[last].channels;
-    const float *row = (const float *)(const void *)row_of(plan, last, y);
+    const uint8_t *row = row_of(plan, last, y);
     float *block = (float *)(void *)((uint8_t *)plan + plan->scratch +
                                      plan->scratch_bytes * worker);
     for (unsigned x = t->begin; x < t->end; x += BLOCK) {
         unsigned n = lull_min_u(BLOCK, t->end - x);
-        for (unsigned i = 0; i < n; i++)
-            memcpy(block + 3 * i, row + (size_t)(x - t->left + i) * channels, 3 * sizeof *block);
+        get_output(plan, block, row + (x - t->left) * lull_ring_pixel(&plan->ring[last]), n);
         finish(block, plan, t->images->output.channels, n);
         lull_image_store(&t->images->output, plan->frame.width, x, y - t->base_row, n, block);
     }

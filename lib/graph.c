@@ -55,34 +55,87 @@ unsigned lull_graph_level(const lull_graph *graph, unsigned tensor)
     return (unsigned)graph->layer[tensor - 1].level + graph->layer[tensor - 1].pool;
 }
 
-/* Reads the shapes of one layer's tensors and checks them against the layers before it. */
+lull_dtype lull_graph_dtype(const lull_graph *graph, unsigned tensor)
+{
+    unsigned last = graph->layers;
+    if (!graph->is_integer)
+        return LULL_DTYPE_F32;
+    if (tensor == LULL_TENSOR_INPUT || tensor == last || tensor == graph->layer[last - 1].source)
+        return LULL_DTYPE_U15;
+    return LULL_DTYPE_U8;
+}
+
+size_t lull_dtype_bytes(lull_dtype dtype)
+{
+    static const uint8_t bytes[] = {4, 1, 2};
+    return bytes[dtype];
+}
+
+void lull_graph_tensors(lull_layer_tensors *tensors, const lull_layer *layer, const lull_tza *tza)
+{
+    const char *name = rows[layer->row].name;
+    memset(tensors, 0, sizeof *tensors);
+    lull_tza_find(tza, name, ".weight", &tensors->weight);
+    lull_tza_find(tza, name, ".skip.weight", &tensors->skip);
+    lull_tza_find(tza, name, ".bias", &tensors->bias);
+    lull_tza_find(tza, name, ".scale", &tensors->scale);
+    lull_tza_find(tza, name, ".shift", &tensors->shift);
+}
+
+static int has_shape(const lull_tza_tensor *tensor, char dtype, uint32_t o, uint32_t i, uint32_t side)
+{
+    return tensor->dtype == dtype && tensor->dims[0] == o &&
+           (side == 0 ? tensor->rank == 1
+                      : tensor->rank == 4 && tensor->dims[1] == i && tensor->dims[2] == side &&
+                            tensor->dims[3] == side);
+}
+
+/* 1 if the layer's tensors are what its channels demand. */
+static int shapes_fit(const lull_layer *layer, const lull_layer_tensors *t, int is_integer)
+{
+    uint32_t outputs = layer->outputs, inputs = layer->in_source;
+    char dtype = t->weight.dtype;
+    if (!is_integer)
+        return (dtype == 'h' || dtype == 'f') && (t->bias.dtype == 'h' || t->bias.dtype == 'f') &&
+               has_shape(&t->weight, dtype, outputs, inputs + layer->in_skip, 3) &&
+               has_shape(&t->bias, t->bias.dtype, outputs, 0, 0);
+    return has_shape(&t->weight, 'b', layer->up ? 4 * outputs : outputs, inputs,
+                     layer->up ? 2 : 3) &&
+           (!layer->in_skip || has_shape(&t->skip, 'b', outputs, layer->in_skip, 3)) &&
+           has_shape(&t->bias, 'i', outputs, 0, 0) && has_shape(&t->scale, 'f', outputs, 0, 0) &&
+           (t->shift.rank == 0 || has_shape(&t->shift, 'i', 1, 0, 0));
+}
+
+/* Appends a layer: its channels are the shapes of its tensors, which must suit the layers before. */
 static lull_status add_layer(lull_graph *graph, const layer_row *row, const lull_tza *tza)
 {
-    lull_tza_tensor weight, bias;
+    lull_layer_tensors tensors;
     lull_layer *layer = &graph->layer[graph->layers];
+    uint32_t outputs;
     if (graph->layers == LULL_MAX_LAYERS)
         return LULL_ERROR_NETWORK;
-    if (!lull_tza_find(tza, row->name, ".weight", &weight) ||
-        !lull_tza_find(tza, row->name, ".bias", &bias))
-        return LULL_ERROR_NETWORK;
-    if (weight.rank != 4 || bias.rank != 1 || weight.dims[2] != 3 || weight.dims[3] != 3 ||
-        weight.dims[0] != bias.dims[0] || weight.dims[0] > LULL_MAX_CHANNELS ||
-        weight.dims[1] > 2 * LULL_MAX_CHANNELS)
-        return LULL_ERROR_NETWORK;
     layer->row = (uint8_t)(row - rows);
+    lull_graph_tensors(&tensors, layer, tza);
+    outputs = tensors.bias.rank == 1 ? tensors.bias.dims[0] : 0;
+    if (!outputs || outputs > LULL_MAX_CHANNELS || tensors.weight.rank != 4)
+        return LULL_ERROR_NETWORK;
+    if (graph->layers == 0) {
+        graph->is_integer = tensors.weight.dtype == 'b';
+        graph->inputs = tensors.weight.dims[1];
+        if (graph->inputs > 9 || graph->inputs % 3)
+            return LULL_ERROR_NETWORK;
+    }
     layer->source = tensor_called(graph, row->source);
     layer->skip = tensor_called(graph, row->skip);
     layer->up = row->up == 2;
     layer->pool = row->pool == 2;
-    layer->outputs = (uint16_t)weight.dims[0];
-    if (graph->layers == 0)
-        graph->inputs = weight.dims[1];
+    layer->outputs = (uint16_t)outputs;
     layer->in_source = (uint16_t)lull_graph_channels(graph, layer->source);
     layer->in_skip = 0;
     if (layer->skip != LULL_TENSOR_NONE)
         layer->in_skip = (uint16_t)lull_graph_channels(graph, layer->skip);
     layer->level = (uint8_t)(lull_graph_level(graph, layer->source) - layer->up);
-    if ((unsigned)layer->in_source + layer->in_skip != weight.dims[1])
+    if (!shapes_fit(layer, &tensors, graph->is_integer))
         return LULL_ERROR_NETWORK;
     graph->levels = lull_max_u(graph->levels, (unsigned)layer->level + layer->pool);
     graph->layers++;
@@ -119,7 +172,7 @@ lull_status lull_graph_build(lull_graph *graph, const lull_tza *tza)
             return status;
     }
     graph->overlap = reach(graph);
-    if (graph->layer[graph->layers - 1].outputs < 3 || graph->inputs > 9 || graph->inputs % 3)
+    if (graph->layer[graph->layers - 1].outputs < 3)
         return LULL_ERROR_NETWORK;
     return LULL_OK;
 }

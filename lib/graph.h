@@ -12,7 +12,9 @@
 #define LULL_TENSOR_INPUT 0
 #define LULL_TENSOR_NONE 0xff
 
+/* Elements of a tensor: fp32, or integer codes in 8 bits (narrow) or in 15 of 16 bits (wide). */
 typedef enum lull_dtype { LULL_DTYPE_F32, LULL_DTYPE_U8, LULL_DTYPE_U15 } lull_dtype;
+size_t lull_dtype_bytes(lull_dtype dtype);
 
 typedef struct lull_layer {
     uint8_t row;       /* number of its LAYER row in nets.def */
@@ -27,11 +29,20 @@ typedef struct lull_layer {
 typedef struct lull_graph {
     const char *network; /* static */
     unsigned layers;
+    int is_integer;   /* int8 weights; docs/arithmetic.md */
     unsigned inputs;  /* channels of tensor 0 */
     unsigned levels;  /* number of 2x poolings: sizes are multiples of 1 << levels */
     unsigned overlap; /* pixels beside a strip that make it exact, a multiple of 1 << levels */
     lull_layer layer[LULL_MAX_LAYERS];
 } lull_graph;
+
+/* The tensors of one layer in a weights file; rank 0 where there is none. In floating-point files the
+ * skip's taps are the last input channels of `weight`. */
+typedef struct lull_layer_tensors {
+    lull_tza_tensor weight, skip, bias, scale, shift;
+} lull_layer_tensors;
+
+void lull_graph_tensors(lull_layer_tensors *tensors, const lull_layer *layer, const lull_tza *tza);
 
 /* Finds the topology by its key tensor and checks the names, ranks and shapes of all its tensors.
  * Errors: NETWORK. */
@@ -40,9 +51,10 @@ lull_status lull_graph_build(lull_graph *graph, const lull_tza *tza);
 /* Name of a layer: the prefix of its tensors in the weights file. Static. */
 const char *lull_layer_name(const lull_layer *layer);
 
-/* Channels, and log2 of the downscale, of a tensor. */
+/* Channels, log2 of the downscale, and element type of a tensor. */
 unsigned lull_graph_channels(const lull_graph *graph, unsigned tensor);
 unsigned lull_graph_level(const lull_graph *graph, unsigned tensor);
+lull_dtype lull_graph_dtype(const lull_graph *graph, unsigned tensor);
 
 uint64_t lull_graph_macs_per_pixel(const lull_graph *graph);
 

@@ -6,39 +6,19 @@ static const struct {
     uint8_t first, last;
 } folded[2][2] = {{{0, 0}, {1, 2}}, {{0, 1}, {2, 2}}};
 
-/* One weight block being written: all outputs of one row of one source. */
+/* One weight block: the taps of all outputs of a layer on one row of its source or skip. */
 typedef struct block {
     const lull_tza_tensor *weight;
-    unsigned outputs, inputs, offset; /* channels of the source, and its first one in the tensor */
-    unsigned columns;                 /* 3, or 2 if folded */
-    unsigned phase_x;
-    unsigned first_row, last_row; /* taps summed */
+    lull_dtype dtype; /* of the elements that the taps meet */
+    unsigned outputs; /* of the layer */
+    unsigned inputs;  /* channels of the source or skip */
+    unsigned offset;  /* its first channel in the tensor */
+    unsigned first;   /* tensor's row of output 0 */
+    unsigned columns; /* taps in a row of the kernel: 3, or 2 of a phase kernel */
+    unsigned row;     /* of the kernel */
+    uint8_t fold;     /* 1: sum the taps of a 3x3 kernel for phase_x, phase_y */
+    uint8_t phase_x, phase_y;
 } block;
-
-/* Weight of output o for column `column` and channel i of a block. */
-static float tap(const block *b, unsigned o, unsigned column, unsigned i)
-{
-    unsigned first = column, last = column;
-    size_t base = ((size_t)o * b->weight->dims[1] + b->offset + i) * 9;
-    float sum = 0;
-    if (b->columns == 2) {
-        first = folded[b->phase_x][column].first;
-        last = folded[b->phase_x][column].last;
-    }
-    for (unsigned y = b->first_row; y <= b->last_row; y++)
-        for (unsigned x = first; x <= last; x++)
-            sum += lull_tza_float(b->weight, base + y * 3 + x);
-    return sum;
-}
-
-static void write_f32(float *out, const block *b, unsigned lanes)
-{
-    for (unsigned first = 0; first < b->outputs; first += lanes)
-        for (unsigned column = 0; column < b->columns; column++)
-            for (unsigned i = 0; i < b->inputs; i++)
-                for (unsigned o = first; o < first + lanes; o++)
-                    *out++ = o < b->outputs ? tap(b, o, column, i) : 0.0f;
-}
 
 unsigned lull_pack_block(const lull_layer *layer, unsigned phase, unsigned row)
 {
@@ -46,75 +26,222 @@ unsigned lull_pack_block(const lull_layer *layer, unsigned phase, unsigned row)
 }
 
 /* Describes block number `index` of a layer; returns 0 if the layer has no such block. */
-static int describe(block *b, const lull_layer *layer, unsigned index)
+static int describe(block *b, const lull_graph *graph, unsigned l, unsigned index,
+                    const lull_layer_tensors *tensors)
 {
+    const lull_layer *layer = &graph->layer[l];
+    int is_skip = index >= LULL_PACK_SKIP;
+    memset(b, 0, sizeof *b);
+    if (is_skip ? !layer->in_skip : !layer->up && index >= 3)
+        return 0;
+    b->weight = is_skip && graph->is_integer ? &tensors->skip : &tensors->weight;
+    b->dtype = lull_graph_dtype(graph, is_skip ? layer->skip : layer->source);
     b->outputs = layer->outputs;
+    b->inputs = is_skip ? layer->in_skip : layer->in_source;
+    b->offset = is_skip && !graph->is_integer ? layer->in_source : 0;
     b->columns = 3;
-    b->phase_x = 0;
-    if (index >= LULL_PACK_SKIP) {
-        b->inputs = layer->in_skip;
-        b->offset = layer->in_source;
-        b->first_row = b->last_row = index - LULL_PACK_SKIP;
-        return layer->in_skip != 0;
+    b->row = is_skip ? index - LULL_PACK_SKIP : index;
+    if (layer->up && !is_skip) {
+        b->columns = 2;
+        b->row = index & 1;
+        b->phase_x = index >> 1 & 1;
+        b->phase_y = (uint8_t)(index >> 2);
+        b->fold = !graph->is_integer;
+        b->first = graph->is_integer ? (index >> 1) * b->outputs : 0;
     }
-    b->inputs = layer->in_source;
-    b->offset = 0;
-    if (!layer->up) {
-        b->first_row = b->last_row = index;
-        return index < 3;
-    }
-    b->columns = 2;
-    b->phase_x = index / 2 & 1;
-    b->first_row = folded[index / 4][index & 1].first;
-    b->last_row = folded[index / 4][index & 1].last;
     return 1;
 }
 
-/* Lays out one layer's blocks and bias after `total` bytes of the model; returns the new total. */
-static size_t layout(lull_packed_layer *packed, const lull_layer *layer, unsigned lanes, size_t total)
+/* Tap of output o on element k of a run (columns outer, channels inner). */
+static float tap(const block *b, unsigned o, unsigned k)
 {
-    size_t outputs = lull_align_up(layer->outputs, lanes);
-    memset(packed, 0, sizeof *packed);
+    unsigned column = k / b->inputs, side = b->fold ? 3 : b->columns;
+    size_t at = ((size_t)(b->first + o) * b->weight->dims[1] + b->offset + k % b->inputs) * side;
+    float sum = 0;
+    if (!b->fold)
+        return lull_tza_float(b->weight, (at + b->row) * side + column);
+    for (unsigned y = folded[b->phase_y][b->row].first; y <= folded[b->phase_y][b->row].last; y++)
+        for (unsigned x = folded[b->phase_x][column].first; x <= folded[b->phase_x][column].last; x++)
+            sum += lull_tza_float(b->weight, (at + y) * side + x);
+    return sum;
+}
+
+/* Elements that a kernel multiplies at once: one float, or a dword of integers. */
+static unsigned group(lull_dtype dtype)
+{
+    return (unsigned)(4 / lull_dtype_bytes(dtype));
+}
+
+unsigned lull_pack_length(lull_dtype dtype, unsigned elements)
+{
+    return (elements + group(dtype) - 1) / group(dtype);
+}
+
+static void put(uint8_t *out, lull_dtype dtype, float value)
+{
+    int8_t narrow = (int8_t)value;
+    int16_t wide = (int16_t)value;
+    if (dtype == LULL_DTYPE_F32)
+        memcpy(out, &value, sizeof value);
+    else if (dtype == LULL_DTYPE_U8)
+        memcpy(out, &narrow, sizeof narrow);
+    else
+        memcpy(out, &wide, sizeof wide);
+}
+
+/* [output / lanes][length][output % lanes][group]; the same number of bytes for each dtype's group. */
+static void write_block(uint8_t *out, const block *b, unsigned lanes)
+{
+    unsigned elements = b->columns * b->inputs, together = group(b->dtype);
+    unsigned length = lull_pack_length(b->dtype, elements);
+    size_t bytes = 4 / together;
+    for (unsigned first = 0; first < b->outputs; first += lanes)
+        for (unsigned k = 0; k < length * together; k += together)
+            for (unsigned o = first; o < first + lanes; o++)
+                for (unsigned i = k; i < k + together; i++, out += bytes)
+                    put(out, b->dtype, o < b->outputs && i < elements ? tap(b, o, i) : 0.0f);
+}
+
+/* ---- Checks of integer models (docs/arithmetic.md) -------------------------------------------------- */
+
+/* Sum of |taps| of output o over one block; -1 if the taps break a rule. */
+static int64_t tap_sum(const block *b, unsigned o)
+{
+    unsigned elements = b->columns * b->inputs;
+    int64_t sum = 0;
+    int positive = 0, negative = 0;
+    for (unsigned k = 0; k < elements; k++) {
+        int w = (int)tap(b, o, k);
+        if (w < -127)
+            return -1;
+        if (k % 2 == 0)
+            positive = negative = 0;
+        *(w > 0 ? &positive : &negative) += w;
+        if (b->dtype == LULL_DTYPE_U8 && (positive > 128 || negative < -128))
+            return -1;
+        sum += w < 0 ? -w : w;
+    }
+    return sum;
+}
+
+/* 1 if no sum of output o in phase `phase` can leave int32. */
+static int sums_fit(const lull_graph *graph, unsigned l, const lull_layer_tensors *tensors, unsigned o,
+                    unsigned phase, unsigned shift)
+{
+    const lull_layer *layer = &graph->layer[l];
+    int64_t wide = 0, narrow = 0, bias = (int64_t)lull_tza_int(&tensors->bias, o);
     for (unsigned i = 0; i < LULL_PACK_BLOCKS; i++) {
         block b;
-        if (describe(&b, layer, i))
-            packed->weights[i] = lull_append(&total, outputs * b.columns * b.inputs * sizeof(float));
+        int64_t sum;
+        if (!describe(&b, graph, l, i, tensors) ||
+            (layer->up && i < LULL_PACK_SKIP && i >> 1 != phase))
+            continue;
+        sum = tap_sum(&b, o);
+        if (sum < 0)
+            return 0;
+        *(b.dtype == LULL_DTYPE_U15 ? &wide : &narrow) += sum;
     }
-    packed->bias = lull_append(&total, outputs * sizeof(float));
+    wide = wide * 32767 + (1 << shift >> 1);
+    narrow = (wide >> shift) + (bias < 0 ? -bias : bias) + narrow * 255;
+    return wide <= INT32_MAX && narrow <= INT32_MAX;
+}
+
+/* Checks one layer of an integer model. */
+static lull_status check_integer(const lull_graph *graph, unsigned l, const lull_tza *tza)
+{
+    const lull_layer *layer = &graph->layer[l];
+    lull_layer_tensors tensors;
+    int32_t shift;
+    lull_graph_tensors(&tensors, layer, tza);
+    shift = tensors.shift.rank ? lull_tza_int(&tensors.shift, 0) : 0;
+    if (shift < 0 || shift > 15 || (layer->pool && lull_graph_dtype(graph, l + 1) != LULL_DTYPE_U8))
+        return LULL_ERROR_NETWORK;
+    for (unsigned o = 0; o < layer->outputs; o++) {
+        float scale = lull_tza_float(&tensors.scale, o);
+        if (!(scale >= 0.0f && scale < 0.5f))
+            return LULL_ERROR_NETWORK;
+        for (unsigned phase = 0; phase < (layer->up ? 4u : 1u); phase++)
+            if (!sums_fit(graph, l, &tensors, o, phase, (unsigned)shift))
+                return LULL_ERROR_NETWORK;
+    }
+    return LULL_OK;
+}
+
+/* The scales of the input and output codes. */
+static lull_status read_scales(lull_model *model, const lull_tza *tza)
+{
+    lull_tza_tensor input, output;
+    if (!model->graph.is_integer)
+        return LULL_OK;
+    if (!lull_tza_find(tza, "input", ".scale", &input) || input.rank != 1 || input.dtype != 'f' ||
+        input.dims[0] != model->graph.inputs ||
+        !lull_tza_find(tza, "output", ".scale", &output) || output.rank != 1 ||
+        output.dtype != 'f' || output.dims[0] != 1)
+        return LULL_ERROR_NETWORK;
+    for (unsigned i = 0; i < model->graph.inputs; i++) {
+        model->input_scale[i] = lull_tza_float(&input, i);
+        if (!(model->input_scale[i] >= 0.0f && model->input_scale[i] <= 1e6f))
+            return LULL_ERROR_NETWORK;
+    }
+    model->output_scale = lull_tza_float(&output, 0);
+    return model->output_scale >= 0.0f && model->output_scale <= 1e6f ? LULL_OK
+                                                                      : LULL_ERROR_NETWORK;
+}
+
+/* ---- Models ----------------------------------------------------------------------------------------- */
+
+static unsigned lanes_of(const lull_graph *graph, const lull_kernels *kernels)
+{
+    return graph->is_integer ? kernels->block_int : kernels->block_f32;
+}
+
+/* Lays out the blocks, bias and multipliers of layer l after `total` bytes; returns the new total. */
+static size_t layout(lull_packed_layer *packed, const lull_graph *graph, unsigned l, unsigned lanes,
+                     size_t total)
+{
+    size_t outputs = lull_align_up(graph->layer[l].outputs, lanes);
+    lull_layer_tensors none;
+    block b;
+    memset(packed, 0, sizeof *packed);
+    memset(&none, 0, sizeof none);
+    for (unsigned i = 0; i < LULL_PACK_BLOCKS; i++)
+        if (describe(&b, graph, l, i, &none))
+            packed->weights[i] = lull_append(
+                &total, outputs * 4 * lull_pack_length(b.dtype, b.columns * b.inputs));
+    packed->bias = lull_append(&total, outputs * 4);
+    if (graph->is_integer)
+        packed->multiplier = lull_append(&total, outputs * 4);
     return total;
 }
 
-/* Fills in one layer's blocks and bias. */
+/* Fills in layer l. */
 static void pack_layer(lull_model *model, unsigned l, const lull_tza *tza)
 {
     const lull_layer *layer = &model->graph.layer[l];
-    const lull_packed_layer *packed = &model->layer[l];
-    const char *name = lull_layer_name(layer);
-    unsigned lanes = model->kernels.block_f32;
+    lull_packed_layer *packed = &model->layer[l];
+    unsigned lanes = lanes_of(&model->graph, &model->kernels);
     uint8_t *base = (uint8_t *)model;
-    lull_tza_tensor weight, bias;
-    float *padded_bias = (float *)(void *)(base + packed->bias);
+    lull_layer_tensors tensors;
     block b;
-    lull_tza_find(tza, name, ".weight", &weight);
-    lull_tza_find(tza, name, ".bias", &bias);
-    b.weight = &weight;
+    lull_graph_tensors(&tensors, layer, tza);
     for (unsigned i = 0; i < LULL_PACK_BLOCKS; i++)
-        if (describe(&b, layer, i))
-            write_f32((float *)(void *)(base + packed->weights[i]), &b, lanes);
-    for (unsigned o = 0; o < lull_align_up(layer->outputs, lanes); o++)
-        padded_bias[o] = o < layer->outputs ? lull_tza_float(&bias, o) : 0.0f;
-}
-
-/* 1 if all weights are of types that fp32 arithmetic takes. */
-static int is_float(const lull_graph *graph, const lull_tza *tza)
-{
-    for (unsigned l = 0; l < graph->layers; l++) {
-        lull_tza_tensor weight;
-        lull_tza_find(tza, lull_layer_name(&graph->layer[l]), ".weight", &weight);
-        if (weight.dtype != 'h' && weight.dtype != 'f')
-            return 0;
+        if (describe(&b, &model->graph, l, i, &tensors))
+            write_block(base + packed->weights[i], &b, lanes);
+    for (unsigned o = 0; o < lull_align_up(layer->outputs, lanes); o++) {
+        int is_there = o < layer->outputs;
+        float bias = is_there ? lull_tza_float(&tensors.bias, o) : 0.0f;
+        int32_t words[2] = {0, 0};
+        if (model->graph.is_integer && is_there) {
+            words[0] = lull_tza_int(&tensors.bias, o);
+            words[1] = (int32_t)((double)lull_tza_float(&tensors.scale, o) * 2147483648.0 + 0.5);
+        }
+        if (model->graph.is_integer)
+            memcpy(base + packed->multiplier + 4 * (size_t)o, &words[1], 4);
+        memcpy(base + packed->bias + 4 * (size_t)o,
+               model->graph.is_integer ? (const void *)&words[0] : (const void *)&bias, 4);
     }
-    return 1;
+    if (tensors.shift.rank)
+        packed->wide_shift = (unsigned)lull_tza_int(&tensors.shift, 0);
 }
 
 /* Graph, kernels and size of the model that these weights make. */
@@ -125,12 +252,10 @@ static lull_status examine(lull_graph *graph, lull_kernels *kernels, size_t *byt
     lull_status status = lull_graph_build(graph, tza);
     if (status != LULL_OK)
         return status;
-    if (!is_float(graph, tza))
-        return LULL_ERROR_NETWORK;
     lull_kernels_fill(kernels, ports);
     *bytes = lull_align_up(sizeof(lull_model), LULL_ALIGN);
     for (unsigned l = 0; l < graph->layers; l++)
-        *bytes = layout(&packed, &graph->layer[l], kernels->block_f32, *bytes);
+        *bytes = layout(&packed, graph, l, lanes_of(graph, kernels), *bytes);
     return LULL_OK;
 }
 
@@ -159,18 +284,23 @@ lull_status lull_model_init(lull_model **model, void *memory, size_t memory_byte
         return status;
     if (memory_bytes < sizeof *made)
         return LULL_ERROR_MEMORY;
+    memset(made, 0, sizeof *made);
     status = examine(&made->graph, &made->kernels, &made->bytes, &tza, ports);
-    if (status != LULL_OK)
-        return status;
-    if (memory_bytes < made->bytes)
-        return LULL_ERROR_MEMORY;
-    made->is_integer = 0;
-    for (unsigned l = 0; l < made->graph.layers; l++) {
-        total = layout(&made->layer[l], &made->graph.layer[l], made->kernels.block_f32, total);
-        pack_layer(made, l, &tza);
+    if (status == LULL_OK)
+        status = read_scales(made, &tza);
+    if (status == LULL_OK && memory_bytes < made->bytes)
+        status = LULL_ERROR_MEMORY;
+    for (unsigned l = 0; status == LULL_OK && l < made->graph.layers; l++) {
+        total = layout(&made->layer[l], &made->graph, l, lanes_of(&made->graph, &made->kernels),
+                       total);
+        if (made->graph.is_integer)
+            status = check_integer(&made->graph, l, &tza);
+        if (status == LULL_OK)
+            pack_layer(made, l, &tza);
     }
-    *model = made;
-    return LULL_OK;
+    if (status == LULL_OK)
+        *model = made;
+    return status;
 }
 
 void lull_model_get_info(const lull_model *model, lull_model_info *info)
@@ -178,7 +308,7 @@ void lull_model_get_info(const lull_model *model, lull_model_info *info)
     const lull_graph *graph = &model->graph;
     info->network = graph->network;
     info->inputs = graph->inputs;
-    info->is_integer = (unsigned)model->is_integer;
+    info->is_integer = (unsigned)graph->is_integer;
     info->alignment = 1u << graph->levels;
     info->overlap = graph->overlap;
     info->macs_per_pixel = lull_graph_macs_per_pixel(graph);

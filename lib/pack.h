@@ -14,16 +14,19 @@ typedef struct lull_packed_layer {
     size_t weights[LULL_PACK_BLOCKS]; /* offsets from the model; 0: not there */
     size_t bias, multiplier;          /* offsets */
     unsigned wide_shift;
-    int32_t out_max;
 } lull_packed_layer;
 
 struct lull_model {
     lull_graph graph;
     lull_kernels kernels;
     size_t bytes; /* of the whole model */
-    int is_integer;
+    float input_scale[9]; /* codes per network value; integer models only, like output_scale */
+    float output_scale;   /* network value of one code */
     lull_packed_layer layer[LULL_MAX_LAYERS];
 };
+
+/* Length in a kernel's units of a run of elements: floats, or dwords of integers. */
+unsigned lull_pack_length(lull_dtype dtype, unsigned elements);
 
 /* Block with the weights of row `row` (0..2, or 0..1 of a phase) of a layer's source or skip. */
 unsigned lull_pack_block(const lull_layer *layer, unsigned phase, unsigned row);

@@ -84,21 +84,21 @@ static void play(lull_plan *plan)
     }
 }
 
-static size_t element_bytes(unsigned dtype)
+size_t lull_ring_pixel(const lull_ring *ring)
 {
-    static const uint8_t bytes[] = {4, 1, 2};
-    return bytes[dtype];
+    return ring->channels * lull_dtype_bytes((lull_dtype)ring->dtype);
 }
 
 size_t lull_ring_left(const lull_ring *ring)
 {
-    return lull_align_up(ring->channels * element_bytes(ring->dtype), LULL_ALIGN);
+    return lull_align_up(lull_ring_pixel(ring), LULL_ALIGN);
 }
 
 /* Columns of a layer's task. */
 static unsigned choose_chunk(const lull_plan *plan, const lull_layer *layer)
 {
-    size_t column = (size_t)layer->outputs * 4 + ((size_t)layer->in_source + layer->in_skip) * 12;
+    size_t element = plan->model->graph.is_integer ? 1 : sizeof(float);
+    size_t column = (layer->outputs + 3 * ((size_t)layer->in_source + layer->in_skip)) * element;
     unsigned width = plan->row_width >> layer->level;
     unsigned rows = lull_max_u(plan->row_step >> layer->level, 1);
     unsigned count = (unsigned)((width * column + TASK_BYTES - 1) / TASK_BYTES);
@@ -121,10 +121,10 @@ static void layout(lull_plan *plan)
     for (unsigned t = 0; t <= graph->layers; t++) {
         lull_ring *ring = &plan->ring[t];
         size_t pixel;
-        ring->dtype = LULL_DTYPE_F32;
+        ring->dtype = (uint8_t)lull_graph_dtype(graph, t);
         ring->channels = (uint16_t)lull_graph_channels(graph, t);
         ring->level = (uint8_t)lull_graph_level(graph, t);
-        pixel = ring->channels * element_bytes(ring->dtype);
+        pixel = lull_ring_pixel(ring);
         ring->row_bytes = lull_align_up(lull_ring_left(ring) + ROW_SLACK +
                                             pixel * ((plan->row_width >> ring->level) + 1),
                                         LULL_ALIGN);
@@ -136,7 +136,7 @@ static void layout(lull_plan *plan)
     plan->scratch_bytes = 64 * 9 * sizeof(float);
     for (unsigned l = 0; l < graph->layers; l++) {
         const lull_layer *layer = &graph->layer[l];
-        size_t bytes = 2 * (size_t)layer->outputs * sizeof(float);
+        size_t bytes = 2 * lull_ring_pixel(&plan->ring[l + 1]);
         plan->chunk[l] = (uint16_t)choose_chunk(plan, layer);
         bytes *= plan->chunk[l];
         if (layer->pool && bytes > plan->scratch_bytes)
@@ -147,8 +147,9 @@ static void layout(lull_plan *plan)
     plan->exposure = lull_append(&total, lull_exposure_rows(plan->frame.height) *
                                         sizeof(lull_exposure_row));
     plan->saved_width = plan->frame.in_place && plan->strips > 1 ? overlap : 0;
-    plan->saved = lull_append(&total, (size_t)plan->frame.height * plan->saved_width * graph->inputs *
-                                     sizeof(float));
+    plan->saved = lull_append(&total, (size_t)plan->frame.height * plan->saved_width *
+                                     graph->inputs *
+                                     lull_dtype_bytes((lull_dtype)plan->ring[0].dtype));
     plan->bytes = total;
 }
 

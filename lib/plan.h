@@ -20,6 +20,9 @@ typedef struct lull_ring {
     uint8_t level, dtype; /* lull_dtype */
 } lull_ring;
 
+/* Bytes of a pixel. */
+size_t lull_ring_pixel(const lull_ring *ring);
+
 /* Bytes before pixel 0 of a row: one pixel of zero border, aligned. */
 size_t lull_ring_left(const lull_ring *ring);
 

@@ -200,7 +200,8 @@ LULL_INLINE float log_forward(float y)
                         + (lost * 0.090172286966568f) / u);          /* N */
 }
 
-/* 2^(K x) - 1 with K = ln(65505) / ln(2) = 16 - 0.000682588611. */
+/* 2^(K x) - 1 with K = ln(65505) / ln(2) = 16 - 0.000682588611; up to 2^-30 ln(65505) x, where the
+ * small part of K would give subnormals. */
 LULL_INLINE float log_inverse(float x)
 {
     float v = at_most(flush_input(x), 8.0625f); /* overflows from 8.00035 */
@@ -208,7 +209,8 @@ LULL_INLINE float log_inverse(float x)
     float part = exp2m1_part((16.0f * v - n) - 0.000682588611f * v);
     int32_t half = (int32_t)n >> 1, rest = (int32_t)n - half;
     float y = part * power_of_two(half) + (power_of_two(half) - power_of_two(-rest));
-    return flush_output(y * power_of_two(rest));
+    return flush_output(choose(mask_greater(signed_bits(v), signed_bits(0x1p-30f)),
+                               y * power_of_two(rest), 11.089881754588f * v));
 }
 
 /* ---- Loops -------------------------------------------------------------------------------------- */

@@ -175,3 +175,11 @@ float lull_tza_float(const lull_tza_tensor *tensor, size_t index)
     const element_type *type = find_type(tensor->dtype);
     return type->load(tensor->data + index * type->bytes);
 }
+
+int32_t lull_tza_int(const lull_tza_tensor *tensor, size_t index)
+{
+    uint32_t bits = lull_load_u32(tensor->data + 4 * index);
+    int32_t value;
+    memcpy(&value, &bits, sizeof value);
+    return value;
+}

@@ -36,4 +36,7 @@ int lull_tza_find(const lull_tza *tza, const char *prefix, const char *suffix,
 /* Element `index` of a tensor as float (types f, h, b, B, i). The index must be inside. */
 float lull_tza_float(const lull_tza_tensor *tensor, size_t index);
 
+/* Element `index` of a tensor of type i. */
+int32_t lull_tza_int(const lull_tza_tensor *tensor, size_t index);
+
 #endif
