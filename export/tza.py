@@ -3,9 +3,9 @@
     0   uint16 magic 0x41D7, uint8 major 2, uint8 minor 0, uint64 offset of the table
     64  tensors, each start padded with zeros to a multiple of 64; then the table, equally aligned
     table: uint32 count; per tensor: uint16 name length, name (UTF-8), uint8 rank,
-           uint32 dims[rank], rank layout letters, 1 type letter (f h b B), uint64 offset of the data
+           uint32 dims[rank], rank layout letters, 1 type letter (f h b B i), uint64 offset
 
-Weights files of Open Image Denoise hold `<layer>.weight` (layout oihw), `<layer>.bias` (x) in fp16.
+Weights files of Open Image Denoise hold `<layer>.weight` (oihw) and `<layer>.bias` (x) as fp16.
 Data sets hold pictures (layout hwc). Needs numpy only.
 """
 from __future__ import annotations
@@ -17,7 +17,8 @@ from pathlib import Path
 import numpy as np
 
 MAGIC, MAJOR, MINOR, ALIGN = 0x41D7, 2, 0, 64
-TYPES = {"f": np.dtype("<f4"), "h": np.dtype("<f2"), "b": np.dtype("i1"), "B": np.dtype("u1")}
+TYPES = {"f": np.dtype("<f4"), "h": np.dtype("<f2"), "b": np.dtype("i1"), "B": np.dtype("u1"),
+         "i": np.dtype("<i4")}
 LETTERS = {dtype: letter for letter, dtype in TYPES.items()}
 LAYOUTS = {1: "x", 3: "hwc", 4: "oihw"}  # by rank, unless the caller says otherwise
 
