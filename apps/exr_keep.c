@@ -1,0 +1,423 @@
+#include "exr_keep.h"
+
+#include "exr_file.h"
+
+#if LULL_WITH_OPENEXR
+
+#include <errno.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "half.h"
+
+typedef struct keeper {
+    exr_file in, out;
+    const image *img;
+    exr_chunks chunks; /* of the changed part, in the source */
+    exr_decode_pipeline_t decode;
+    exr_encode_pipeline_t encode;
+    int is_decoding, is_encoding;
+    int channels;
+    unsigned char *wanted;
+    unsigned char **planes;
+    size_t *room;
+    int *replaced; /* [channels] channel of the image that takes its place, or -1 */
+} keeper;
+
+static void keeper_free(keeper *k)
+{
+    if (k->is_decoding)
+        exr_decoding_destroy(k->in.context, &k->decode);
+    if (k->is_encoding)
+        exr_encoding_destroy(k->out.context, &k->encode);
+    for (int c = 0; k->planes && c < k->channels; c++)
+        free(k->planes[c]);
+    free(k->planes);
+    free(k->room);
+    free(k->wanted);
+    free(k->replaced);
+    exr_file_close(&k->in);
+    exr_file_close(&k->out);
+}
+
+/* Finds the image's channels in the source; fails if the file is no longer the one that was read. */
+static image_status match_channels(keeper *k, image_error *error)
+{
+    const image *img = k->img;
+    const exr_attr_chlist_t *list;
+    unsigned found = 0;
+    exr_result_t result = exr_get_channels(k->in.context, img->part, &list);
+
+    if (!result)
+        result = exr_chunks_begin(&k->chunks, k->in.context, img->part);
+    if (result)
+        return exr_file_fail(&k->in, result, IMAGE_ERROR_WRITE, error);
+    k->channels = list->num_channels;
+    k->wanted = calloc((size_t)k->channels, sizeof *k->wanted);
+    k->planes = calloc((size_t)k->channels, sizeof *k->planes);
+    k->room = calloc((size_t)k->channels, sizeof *k->room);
+    k->replaced = calloc((size_t)k->channels, sizeof *k->replaced);
+    if (!k->wanted || !k->planes || !k->room || !k->replaced)
+        return image_fail(error, IMAGE_ERROR_MEMORY, "not enough memory");
+    for (int c = 0; c < k->channels; c++) {
+        k->replaced[c] = -1;
+        for (unsigned i = 0; i < img->channels; i++)
+            if (!strcmp(list->entries[c].name.str, img->names[i])) {
+                k->replaced[c] = (int)i;
+                found++;
+            }
+        k->wanted[c] = k->replaced[c] < 0;
+    }
+    if (found != img->channels ||
+        (size_t)(k->chunks.window.max.x - k->chunks.window.min.x + 1) != img->width ||
+        (size_t)(k->chunks.window.max.y - k->chunks.window.min.y + 1) != img->height)
+        return image_fail(error, IMAGE_ERROR_WRITE, "the input file changed while it was being denoised");
+    return IMAGE_OK;
+}
+
+/* ---- Headers ------------------------------------------------------------------------------------- */
+
+/* 1 if decoding and encoding again with this compression gives the same values. */
+static int is_lossless(exr_compression_t compression)
+{
+    return compression == EXR_COMPRESSION_NONE || compression == EXR_COMPRESSION_RLE ||
+           compression == EXR_COMPRESSION_ZIPS || compression == EXR_COMPRESSION_ZIP ||
+           compression == EXR_COMPRESSION_PIZ;
+}
+
+static exr_result_t set_channels(keeper *k, int part)
+{
+    exr_pixel_type_t type = k->img->type == IMAGE_HALF ? EXR_PIXEL_HALF : EXR_PIXEL_FLOAT;
+    const exr_attr_chlist_t *list;
+    exr_result_t result = exr_get_channels(k->in.context, part, &list);
+    for (int c = 0; c < list->num_channels && !result; c++) {
+        const exr_attr_chlist_entry_t *e = &list->entries[c];
+        result = exr_add_channel(k->out.context, part, e->name.str,
+                                 k->replaced[c] < 0 ? e->pixel_type : type,
+                                 e->p_linear ? EXR_PERCEPTUALLY_LINEAR : EXR_PERCEPTUALLY_LOGARITHMIC,
+                                 e->x_sampling, e->y_sampling);
+    }
+    return result;
+}
+
+/* What of the changed part's header differs from the source's; the rest is copied afterwards. */
+static exr_result_t change_header(keeper *k, int part)
+{
+    exr_compression_t compression;
+    uint32_t tile_w, tile_h;
+    exr_tile_level_mode_t level;
+    exr_tile_round_mode_t round;
+    exr_result_t result = exr_get_compression(k->in.context, part, &compression);
+    if (!result)
+        result = exr_set_compression(k->out.context, part,
+                                     is_lossless(compression) ? compression : EXR_COMPRESSION_ZIP);
+    if (!result)
+        result = exr_set_lineorder(k->out.context, part, EXR_LINEORDER_INCREASING_Y);
+    if (!result && k->chunks.is_tiled) {
+        result = exr_get_tile_descriptor(k->in.context, part, &tile_w, &tile_h, &level, &round);
+        if (!result)
+            result = exr_set_tile_descriptor(k->out.context, part, tile_w, tile_h, EXR_TILE_ONE_LEVEL,
+                                             EXR_TILE_ROUND_DOWN);
+    }
+    return result ? result : set_channels(k, part);
+}
+
+/* Attribute and channel names over 31 bytes need a flag in the file. */
+static int has_long_names(exr_context_t context, int parts)
+{
+    for (int part = 0; part < parts; part++) {
+        const exr_attr_chlist_t *list;
+        int32_t count = 0;
+        exr_get_attribute_count(context, part, &count);
+        for (int32_t i = 0; i < count; i++) {
+            const exr_attribute_t *attribute;
+            if (!exr_get_attribute_by_index(context, part, EXR_ATTR_LIST_FILE_ORDER, i, &attribute) &&
+                (strlen(attribute->name) > 31 || strlen(attribute->type_name) > 31))
+                return 1;
+        }
+        if (!exr_get_channels(context, part, &list))
+            for (int c = 0; c < list->num_channels; c++)
+                if (strlen(list->entries[c].name.str) > 31)
+                    return 1;
+    }
+    return 0;
+}
+
+static exr_result_t write_headers(keeper *k, int parts)
+{
+    exr_result_t result = EXR_ERR_SUCCESS;
+    if (has_long_names(k->in.context, parts))
+        result = exr_set_longname_support(k->out.context, 1);
+    for (int part = 0; part < parts && !result; part++) {
+        const char *name = NULL;
+        exr_storage_t storage;
+        int added;
+        result = exr_get_storage(k->in.context, part, &storage);
+        if (parts == 1 || exr_get_name(k->in.context, part, &name))
+            name = NULL;
+        if (!result)
+            result = exr_add_part(k->out.context, name, storage, &added);
+        if (!result && part == k->img->part)
+            result = change_header(k, part);
+        if (!result)
+            result = exr_copy_unset_attributes(k->out.context, part, k->in.context, part);
+    }
+    return result ? result : exr_write_header(k->out.context);
+}
+
+/* ---- Parts copied as they are -------------------------------------------------------------------- */
+
+/* A buffer that grows. */
+typedef struct bytes {
+    void *data;
+    size_t size;
+} bytes;
+
+static int bytes_fit(bytes *b, uint64_t size)
+{
+    void *more;
+    if (size <= b->size && b->data)
+        return 1;
+    more = realloc(b->data, (size_t)size + 1);
+    if (!more)
+        return 0;
+    b->data = more;
+    b->size = (size_t)size;
+    return 1;
+}
+
+static exr_result_t copy_chunk(keeper *k, int part, const exr_chunk_info_t *info, bytes *packed,
+                               bytes *samples)
+{
+    int is_deep = info->type == EXR_STORAGE_DEEP_SCANLINE || info->type == EXR_STORAGE_DEEP_TILED;
+    exr_result_t result;
+    if (!bytes_fit(packed, info->packed_size) || !bytes_fit(samples, info->sample_count_table_size))
+        return EXR_ERR_OUT_OF_MEMORY;
+    if (is_deep)
+        result = exr_read_deep_chunk(k->in.context, part, info, packed->data, samples->data);
+    else
+        result = exr_read_chunk(k->in.context, part, info, packed->data);
+    if (result)
+        return result;
+    switch (info->type) {
+    case EXR_STORAGE_SCANLINE:
+        return exr_write_scanline_chunk(k->out.context, part, info->start_y, packed->data,
+                                        info->packed_size);
+    case EXR_STORAGE_TILED:
+        return exr_write_tile_chunk(k->out.context, part, info->start_x, info->start_y, info->level_x,
+                                    info->level_y, packed->data, info->packed_size);
+    case EXR_STORAGE_DEEP_SCANLINE:
+        return exr_write_deep_scanline_chunk(k->out.context, part, info->start_y, packed->data,
+                                             info->packed_size, info->unpacked_size, samples->data,
+                                             info->sample_count_table_size);
+    default:
+        return exr_write_deep_tile_chunk(k->out.context, part, info->start_x, info->start_y,
+                                         info->level_x, info->level_y, packed->data, info->packed_size,
+                                         info->unpacked_size, samples->data,
+                                         info->sample_count_table_size);
+    }
+}
+
+static exr_result_t copy_tile_level(keeper *k, int part, int lx, int ly, bytes *packed, bytes *samples)
+{
+    int32_t width, height, tile_w, tile_h;
+    exr_chunk_info_t info;
+    exr_result_t result = exr_get_level_sizes(k->in.context, part, lx, ly, &width, &height);
+    if (!result)
+        result = exr_get_tile_sizes(k->in.context, part, lx, ly, &tile_w, &tile_h);
+    for (int32_t y = 0; !result && y * (int64_t)tile_h < height; y++)
+        for (int32_t x = 0; !result && x * (int64_t)tile_w < width; x++) {
+            result = exr_read_tile_chunk_info(k->in.context, part, x, y, lx, ly, &info);
+            if (!result)
+                result = copy_chunk(k, part, &info, packed, samples);
+        }
+    return result;
+}
+
+static exr_result_t copy_tiles(keeper *k, int part, bytes *packed, bytes *samples)
+{
+    uint32_t tile_w, tile_h;
+    int32_t nx = 1, ny = 1;
+    exr_tile_level_mode_t level;
+    exr_tile_round_mode_t round;
+    exr_result_t result =
+        exr_get_tile_descriptor(k->in.context, part, &tile_w, &tile_h, &level, &round);
+    if (!result)
+        result = exr_get_tile_levels(k->in.context, part, &nx, &ny);
+    if (!result && level != EXR_TILE_RIPMAP_LEVELS) {
+        for (int l = 0; l < nx && !result; l++)
+            result = copy_tile_level(k, part, l, l, packed, samples);
+        return result;
+    }
+    for (int ly = 0; ly < ny && !result; ly++)
+        for (int lx = 0; lx < nx && !result; lx++)
+            result = copy_tile_level(k, part, lx, ly, packed, samples);
+    return result;
+}
+
+static exr_result_t copy_lines(keeper *k, int part, bytes *packed, bytes *samples)
+{
+    exr_attr_box2i_t window;
+    int32_t lines = 1;
+    exr_chunk_info_t info;
+    exr_result_t result = exr_get_data_window(k->in.context, part, &window);
+    if (!result)
+        result = exr_get_scanlines_per_chunk(k->in.context, part, &lines);
+    for (int64_t y = window.min.y; !result && y <= window.max.y; y += lines) {
+        result = exr_read_scanline_chunk_info(k->in.context, part, (int)y, &info);
+        if (!result)
+            result = copy_chunk(k, part, &info, packed, samples);
+    }
+    return result;
+}
+
+static exr_result_t copy_part(keeper *k, int part)
+{
+    bytes packed = {NULL, 0}, samples = {NULL, 0};
+    exr_storage_t storage;
+    exr_result_t result = exr_get_storage(k->in.context, part, &storage);
+    if (!result && (storage == EXR_STORAGE_TILED || storage == EXR_STORAGE_DEEP_TILED))
+        result = copy_tiles(k, part, &packed, &samples);
+    else if (!result)
+        result = copy_lines(k, part, &packed, &samples);
+    free(packed.data);
+    free(samples.data);
+    return result;
+}
+
+/* ---- The changed part ---------------------------------------------------------------------------- */
+
+/* Writes the image's pixels of the current chunk into the planes of the channels that it replaces. */
+static exr_result_t replace_planes(keeper *k)
+{
+    const image *img = k->img;
+    size_t w = (size_t)k->chunks.info.width, h = (size_t)k->chunks.info.height;
+    size_t step = img->type == IMAGE_HALF ? 2 : 4;
+    for (int c = 0; c < k->channels; c++) {
+        if (k->replaced[c] < 0)
+            continue;
+        if (w * h * step > k->room[c]) {
+            unsigned char *more = realloc(k->planes[c], w * h * step);
+            if (!more)
+                return EXR_ERR_OUT_OF_MEMORY;
+            k->planes[c] = more;
+            k->room[c] = w * h * step;
+        }
+        for (size_t i = 0; i < w * h; i++) {
+            size_t pixel = ((size_t)k->chunks.y + i / w) * img->width + (size_t)k->chunks.x + i % w;
+            size_t at = pixel * img->channels + (size_t)k->replaced[c];
+            memcpy(k->planes[c] + i * step, (const unsigned char *)img->pixels + at * step, step);
+        }
+    }
+    return EXR_ERR_SUCCESS;
+}
+
+/* Encodes one chunk of the output. skipped: lines of the decoded chunk above it. */
+static exr_result_t encode_chunk(keeper *k, const exr_chunk_info_t *info, int skipped)
+{
+    int part = k->img->part, is_first = !k->is_encoding;
+    exr_result_t result = is_first ? exr_encoding_initialize(k->out.context, part, info, &k->encode)
+                                   : exr_encoding_update(k->out.context, part, info, &k->encode);
+    if (result)
+        return result;
+    k->is_encoding = 1;
+    for (int c = 0; c < k->channels; c++) {
+        exr_coding_channel_info_t *channel = &k->encode.channels[c];
+        size_t line = (size_t)channel->width * (size_t)channel->bytes_per_element;
+        channel->user_bytes_per_element = channel->bytes_per_element;
+        channel->user_data_type = channel->data_type;
+        channel->user_pixel_stride = channel->bytes_per_element;
+        channel->user_line_stride = (int32_t)line;
+        channel->encode_from_ptr = k->planes[c];
+        if (skipped && k->planes[c])
+            channel->encode_from_ptr += (size_t)(skipped / channel->y_samples) * line;
+    }
+    if (is_first)
+        result = exr_encoding_choose_default_routines(k->out.context, part, &k->encode);
+    return result ? result : exr_encoding_run(k->out.context, part, &k->encode);
+}
+
+/* Encodes the decoded chunk: one output chunk, or several if the output's compression takes fewer lines. */
+static exr_result_t encode_chunks(keeper *k)
+{
+    exr_chunk_info_t info;
+    int part = k->img->part, done = 0;
+    exr_result_t result = EXR_ERR_SUCCESS;
+    if (k->chunks.is_tiled) {
+        result = exr_write_tile_chunk_info(k->out.context, part, k->chunks.info.start_x,
+                                           k->chunks.info.start_y, 0, 0, &info);
+        return result ? result : encode_chunk(k, &info, 0);
+    }
+    while (done < k->chunks.info.height && !result) {
+        int y = k->chunks.window.min.y + k->chunks.y + done;
+        result = exr_write_scanline_chunk_info(k->out.context, part, y, &info);
+        if (!result)
+            result = encode_chunk(k, &info, done);
+        done += info.height;
+    }
+    return result;
+}
+
+static image_status change_part(keeper *k, image_error *error)
+{
+    int is_end = 0;
+    for (;;) {
+        exr_result_t result = exr_chunks_next(&k->chunks, &is_end);
+        if (is_end)
+            return IMAGE_OK;
+        if (!result)
+            result = exr_decode_planes(&k->chunks, &k->decode, &k->is_decoding, k->wanted, k->planes, k->room);
+        if (result)
+            return exr_file_fail(&k->in, result, IMAGE_ERROR_WRITE, error);
+        result = replace_planes(k);
+        if (!result)
+            result = encode_chunks(k);
+        if (result)
+            return exr_file_fail(&k->out, result, IMAGE_ERROR_WRITE, error);
+    }
+}
+
+static image_status copy_all(keeper *k, image_error *error)
+{
+    int parts = 0;
+    exr_result_t result = exr_get_count(k->in.context, &parts);
+    image_status status = IMAGE_OK;
+    if (!result)
+        result = write_headers(k, parts);
+    for (int part = 0; part < parts && !result && !status; part++) {
+        if (part == k->img->part)
+            status = change_part(k, error);
+        else
+            result = copy_part(k, part);
+    }
+    if (result)
+        status = exr_file_fail(k->out.message[0] ? &k->out : &k->in, result, IMAGE_ERROR_WRITE, error);
+    return status;
+}
+
+image_status exr_keep_write(FILE *stream, const image *img, const char *path, image_error *error)
+{
+    keeper k;
+    image_status status;
+    FILE *source = fopen(path, "rb");
+
+    if (!source)
+        return image_fail(error, IMAGE_ERROR_WRITE, "cannot copy the layers of '%.100s': %s", path,
+                          strerror(errno));
+    memset(&k, 0, sizeof k);
+    k.img = img;
+    status = exr_file_read(&k.in, source, error);
+    if (!status)
+        status = match_channels(&k, error);
+    if (!status)
+        status = exr_file_write(&k.out, stream, error);
+    if (!status)
+        status = copy_all(&k, error);
+    keeper_free(&k);
+    fclose(source);
+    return status;
+}
+
+#else
+typedef int exr_keep_is_not_built; /* ISO C wants something in a source file */
+#endif

@@ -1,0 +1,208 @@
+#include "layers.h"
+
+#include <ctype.h>
+#include <stdio.h>
+#include <string.h>
+
+/* Layer names by role, in order of preference; "" is a layer without a name (plain R, G, B). The first
+ * ones of each role are those that Open Image Denoise's toolkit knows. */
+static const struct {
+    image_role role;
+    const char *layer;
+} known[] = {
+    {IMAGE_COLOR, ""},
+    {IMAGE_COLOR, "Noisy Image"},        /* Cycles */
+    {IMAGE_COLOR, "Beauty"},
+    {IMAGE_COLOR, "Combined"},           /* Blender */
+    {IMAGE_COLOR, "rgba"},
+    {IMAGE_COLOR, "rgb"},
+    {IMAGE_COLOR, "color"},
+    {IMAGE_COLOR, "C"},                  /* Karma */
+    {IMAGE_ALBEDO, "Denoising Albedo"},  /* Cycles */
+    {IMAGE_ALBEDO, "albedo"},            /* Mitsuba, pbrt, Karma, RenderMan */
+    {IMAGE_ALBEDO, "VisibleDiffuse"},
+    {IMAGE_ALBEDO, "DiffCol"},           /* Blender */
+    {IMAGE_ALBEDO, "Diffuse Color"},
+    {IMAGE_ALBEDO, "diffuse_albedo"},    /* Arnold */
+    {IMAGE_ALBEDO, "OptixAlbedo"},
+    {IMAGE_ALBEDO, "DiffuseFilter"},     /* V-Ray, Redshift */
+    {IMAGE_ALBEDO, "VRayDiffuseFilter"},
+    {IMAGE_ALBEDO, "diffuse"},
+    {IMAGE_NORMAL, "Denoising Normal"},  /* Cycles */
+    {IMAGE_NORMAL, "normal"},
+    {IMAGE_NORMAL, "sh_normal"},         /* Mitsuba */
+    {IMAGE_NORMAL, "Ns"},                /* pbrt: shading normals */
+    {IMAGE_NORMAL, "N"},                 /* Arnold, pbrt, Karma */
+    {IMAGE_NORMAL, "Nn"},                /* RenderMan */
+    {IMAGE_NORMAL, "Normals"},
+    {IMAGE_NORMAL, "VisibleNormals"},
+    {IMAGE_NORMAL, "OptixNormals"},
+    {IMAGE_NORMAL, "BumpNormals"},       /* Redshift */
+    {IMAGE_NORMAL, "VRayNormals"},
+};
+#define KNOWN (sizeof known / sizeof known[0])
+
+static const char *const components[][3] = {
+    {"r", "g", "b"},
+    {"x", "y", "z"},
+    {"red", "green", "blue"},
+};
+#define COMPONENTS (sizeof components / sizeof components[0])
+
+const char *layers_role_name(image_role role)
+{
+    static const char *const names[] = {"color", "albedo", "normal"};
+    return names[role];
+}
+
+/* 1 if the first n bytes of a and b are the same letters, in upper or lower case. */
+static int same(const char *a, const char *b, size_t n)
+{
+    for (size_t i = 0; i < n; i++)
+        if (tolower((unsigned char)a[i]) != tolower((unsigned char)b[i]))
+            return 0;
+    return 1;
+}
+
+/* Splits a channel name: bytes of its layer part ("" for plain channels), and the component after it. */
+static size_t layer_length(const char *name, const char **component)
+{
+    const char *dot = strrchr(name, '.');
+    *component = dot ? dot + 1 : name;
+    return dot ? (size_t)(dot - name) : 0;
+}
+
+static int is_component(const char *component, const char *wanted)
+{
+    return strlen(component) == strlen(wanted) && same(component, wanted, strlen(wanted));
+}
+
+/* The other channels of the layer that the channel `first` (an R, X or red) belongs to. */
+static layer_match complete(size_t first, const char *const *names, size_t count)
+{
+    layer_match match = {0, {0, 0, 0}};
+    const char *component, *other;
+    size_t length = layer_length(names[first], &component);
+    for (size_t s = 0; s < COMPONENTS && !match.count; s++) {
+        unsigned found = 1;
+        if (!is_component(component, components[s][0]))
+            continue;
+        match.channels[0] = first;
+        for (unsigned c = 1; c < 3; c++)
+            for (size_t i = 0; i < count; i++)
+                if (layer_length(names[i], &other) == length && same(names[i], names[first], length) &&
+                    is_component(other, components[s][c])) {
+                    match.channels[c] = i;
+                    found++;
+                    break;
+                }
+        match.count = found == 3 ? 3 : 0;
+    }
+    return match;
+}
+
+/* How the layer of a channel agrees with a name: 2 it is the name, 1 it ends in ".name", 0 not at all. */
+static int agreement(const char *channel, const char *layer)
+{
+    const char *component;
+    size_t have = layer_length(channel, &component), want = strlen(layer);
+    if (have == want && same(channel, layer, want))
+        return 2;
+    if (want && have > want && channel[have - want - 1] == '.' &&
+        same(channel + have - want, layer, want))
+        return 1;
+    return 0;
+}
+
+static layer_match find_layer(const char *layer, const char *const *names, size_t count)
+{
+    layer_match match = {0, {0, 0, 0}};
+    for (int wanted = 2; wanted >= 1; wanted--)
+        for (size_t i = 0; i < count; i++)
+            if (agreement(names[i], layer) == wanted) {
+                match = complete(i, names, count);
+                if (match.count)
+                    return match;
+            }
+    return match;
+}
+
+/* 1 if the channel's layer is one of the known albedo or normal layers. */
+static int is_auxiliary(const char *channel)
+{
+    for (size_t k = 0; k < KNOWN; k++)
+        if (known[k].role != IMAGE_COLOR && agreement(channel, known[k].layer))
+            return 1;
+    return 0;
+}
+
+/* Colour under a name we do not know, or grey. */
+static layer_match find_any_color(const char *const *names, size_t count)
+{
+    static const char *const grey[] = {"Y", "L", "grey", "gray", "luminance"};
+    layer_match match = {0, {0, 0, 0}};
+    const char *component;
+    for (size_t i = 0; i < count; i++) {
+        size_t length = layer_length(names[i], &component);
+        if (is_auxiliary(names[i]) || !length || is_component(component, "x"))
+            continue;
+        match = complete(i, names, count);
+        if (match.count)
+            return match;
+    }
+    for (size_t g = 0; g < sizeof grey / sizeof grey[0]; g++)
+        for (size_t i = 0; i < count; i++)
+            if (is_component(names[i], grey[g])) {
+                match.count = 1;
+                match.channels[0] = i;
+                return match;
+            }
+    match.count = count == 1; /* whatever it is called, it is the image */
+    return match;
+}
+
+layer_match layers_find(image_role role, const char *const *names, size_t count)
+{
+    layer_match match = {0, {0, 0, 0}};
+    for (size_t k = 0; k < KNOWN && !match.count; k++)
+        if (known[k].role == role)
+            match = find_layer(known[k].layer, names, count);
+    if (!match.count && role == IMAGE_COLOR)
+        match = find_any_color(names, count);
+    return match;
+}
+
+/* Place of a channel by its full name, or `count`. */
+static size_t find_channel(const char *name, size_t length, const char *const *names, size_t count)
+{
+    for (size_t i = 0; i < count; i++)
+        if (strlen(names[i]) == length && !memcmp(names[i], name, length))
+            return i;
+    for (size_t i = 0; i < count; i++)
+        if (strlen(names[i]) == length && same(names[i], name, length))
+            return i;
+    return count;
+}
+
+layer_match layers_find_named(const char *layer, const char *const *names, size_t count)
+{
+    layer_match match = {0, {0, 0, 0}};
+    const char *start = layer;
+    if (!strchr(layer, ',')) {
+        match = find_layer(layer, names, count);
+        if (match.count)
+            return match;
+    }
+    for (;;) {
+        size_t length = strcspn(start, ",");
+        size_t i = find_channel(start, length, names, count);
+        if (i == count || match.count == 3) {
+            match.count = 0;
+            return match;
+        }
+        match.channels[match.count++] = i;
+        if (!start[length])
+            return match;
+        start += length + 1;
+    }
+}
