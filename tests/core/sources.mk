@@ -1,0 +1,2 @@
+TESTS += test_run
+TEST_test_run_SOURCES := tests/core/test_run.c
