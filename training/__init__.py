@@ -1,1 +1,1 @@
-"""Training toolkit of lull: from EXR files to weights. Scripts run as `python -m training.<name>`."""
+"""Training toolkit of lull: from EXR files to weights. Run as `python -m training.<name>`."""

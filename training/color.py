@@ -1,7 +1,8 @@
 """Colour: transfer functions, auto-exposure, tone mapping. Works on numpy arrays and torch tensors.
 
 Constants are those of Open Image Denoise (its weights files only mean something with them): the PU
-curve is the PU2 fit of Aydin 2008, normalised to 1 at the largest half float.
+curve is the PU2 fit of Aydin 2008, normalised to 1 at the largest half float. Works without torch
+on numpy arrays.
 """
 from __future__ import annotations
 
@@ -9,7 +10,6 @@ from dataclasses import dataclass
 from collections.abc import Callable
 
 import numpy as np
-import torch
 
 HDR_MAX = 65504.0
 LUMINANCE = (0.212671, 0.715160, 0.072169)
@@ -24,7 +24,10 @@ LOG_MAX = float(np.log(HDR_MAX + 1.0))
 
 def _lib(x):
     """The array library of x: torch and numpy agree on the names used below."""
-    return torch if isinstance(x, torch.Tensor) else np
+    if type(x).__module__.partition(".")[0] != "torch":
+        return np
+    import torch
+    return torch
 
 
 def linear(y):

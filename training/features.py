@@ -4,6 +4,8 @@ After `load`: hdr >= 0; ldr, alb in [0,1]; nrm, sh1 in [-1,1]; z >= 0; all finit
 """
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
 from training import color
@@ -32,11 +34,18 @@ def _fit(image: np.ndarray, channels: int) -> np.ndarray:
     return image[..., :channels]
 
 
-def load_raw(version: Version, feature: str, layers: dict[str, str] | None = None) -> np.ndarray:
-    """The stored values of one feature, [H,W,C] float32, before any cleaning."""
+def load_raw(version: Version, feature: str, layers: dict[str, str] | None = None,
+             opened: dict[Path, dict[str, np.ndarray]] | None = None) -> np.ndarray:
+    """The stored values of one feature, [H,W,C] float32, before any cleaning.
+
+    opened: channels of multichannel files by path; filled here, so that each is read once.
+    """
     if "*" in version.files and feature not in version.files and feature != "sh1":
         path = version.files["*"]
-        channels = read_exr_channels(path)
+        opened = {} if opened is None else opened
+        if path not in opened:
+            opened[path] = read_exr_channels(path)
+        channels = opened[path]
         names = find_channels(feature, channels, (layers or {}).get(feature))
         if names is None:
             raise ToolError(f"{path}: no channels for '{feature}' (has: {', '.join(channels)}; "
@@ -61,7 +70,8 @@ def load_raw(version: Version, feature: str, layers: dict[str, str] | None = Non
 def load(version: Version, features: list[str],
          layers: dict[str, str] | None = None) -> dict[str, np.ndarray]:
     """Features of a version by name, cleaned; all of one size."""
-    images = {f: clean(load_raw(version, f, layers), f) for f in features}
+    opened: dict = {}
+    images = {f: clean(load_raw(version, f, layers, opened), f) for f in features}
     sizes = {i.shape[:2] for i in images.values()}
     if len(sizes) > 1:
         text = ", ".join(f"{f} {i.shape[1]}x{i.shape[0]}" for f, i in images.items())

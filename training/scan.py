@@ -8,6 +8,7 @@ folder.
 """
 from __future__ import annotations
 
+import os
 import re
 from collections import Counter
 from dataclasses import dataclass, field
@@ -95,7 +96,8 @@ def list_versions(root: Path) -> dict[str, list[Version]]:
     if not root.is_dir():
         raise ToolError(f"{root}: no such data set folder", DATA)
     groups: dict[str, dict[str, Version]] = {}
-    for path in sorted(p for p in root.rglob("*") if p.is_file()):
+    paths = (Path(d) / f for d, _, files in os.walk(root, followlinks=True) for f in files)
+    for path in sorted(paths):
         split = _SPLIT.fullmatch(path.name)
         if not split or path.name.startswith("."):
             continue

@@ -1,0 +1,86 @@
+#!/usr/bin/env python3
+"""Export a training result.
+
+    python -m export.export -r my_result                     fp16 weights (TZA) for lull and OIDN
+    python -m export.export -r my_result package             the result as a zip file
+    python -m export.export -r my_result onnx|onnx_noparams  the network for other runtimes
+"""
+from __future__ import annotations
+
+import zipfile
+from pathlib import Path
+
+import torch
+
+from export.onnx import write_onnx
+from export.tza import TzaError, write_weights
+from training import errors
+from training.errors import STATE, ToolError
+from training.imageio import replacing
+from training.result import Result, load_model
+from training.settings import Settings, parse
+
+ONNX_SIZE = (1088, 1920)  # height and width of the exported graph
+
+
+def main(argv: list[str]) -> None:
+    settings = parse("export", argv, __doc__)
+    print(f"PyTorch: {torch.__version__}")
+    result = Result(settings.results_dir, settings.result)
+    result.require()
+    path = TARGETS[settings.target](result, settings)
+    print(f"Saved: {path}")
+
+
+def output_path(result: Result, settings: Settings, extension: str) -> Path:
+    """--output, or the result's folder and name; with the epoch if one was asked for."""
+    if settings.output:
+        return Path(settings.output)
+    epoch = settings.num_epochs
+    mark = f"_{epoch}" if epoch and epoch > 0 else ""
+    return result.folder / f"{result.name}{mark}{extension}"
+
+
+def export_weights(result: Result, settings: Settings) -> Path:
+    """Every tensor as fp16, named and laid out as Open Image Denoise reads it."""
+    model, _, _ = load_model(result, settings.num_epochs, settings.best, settings.weights)
+    path = output_path(result, settings, ".tza")
+    tensors = {k: v.detach().contiguous().cpu().numpy() for k, v in model.state_dict().items()}
+    try:
+        with replacing(path) as tmp:
+            write_weights(tmp, tensors)
+    except TzaError as e:
+        raise ToolError(f"{path}: {e}", STATE) from e
+    for name, tensor in tensors.items():
+        print(f"{name} {tuple(tensor.shape)}")
+    return path
+
+
+def export_package(result: Result, settings: Settings) -> Path:
+    """config.json, the latest checkpoint (and best.pth) and the log, relative to results_dir."""
+    path = Path(settings.output or result.folder.parent / f"{result.name}.zip")
+    files = [result.folder / "config.json", result.checkpoints / "latest",
+             result.checkpoints / f"checkpoint_{result.latest_epoch()}.pth",
+             result.checkpoints / "best.pth", *sorted((result.folder / "log").glob("events.out.*"))]
+    with replacing(path) as tmp, zipfile.ZipFile(tmp, "w", zipfile.ZIP_DEFLATED) as z:
+        for f in files:
+            if f.exists():
+                z.write(f, f.relative_to(result.folder.parent))
+    return path
+
+
+def export_onnx(result: Result, settings: Settings, params: bool = True) -> Path:
+    """The network alone (no exposure, no transfer function) with a fixed size."""
+    model, _, _ = load_model(result, settings.num_epochs, settings.best, settings.weights)
+    path = output_path(result, settings, ".onnx" if params else ".noparams.onnx")
+    with replacing(path) as tmp:
+        write_onnx(tmp, model, *ONNX_SIZE, params=params, half=settings.device == "cuda")
+    return path
+
+
+TARGETS = {"weights": export_weights, "package": export_package, "onnx": export_onnx,
+           "onnx_noparams": lambda r, s: export_onnx(r, s, params=False)}
+
+
+if __name__ == "__main__":
+    errors.run(main)

@@ -1,0 +1,156 @@
+#!/usr/bin/env python3
+"""Denoise a raw data set with a result, and measure it where there are references.
+
+    python -m training.infer -r my_result -D data -i test -F exr png -M psnr ssim flip
+
+Output: <output_dir>/<data set>/<input name>.<suffix>[_<epoch>].<feature>.<format>; exr, pfm, phm
+and hdr hold linear values, png tone-mapped sRGB. A file <group>.json (or the group's name cut at an
+underscore) may give {"exposure": x} for tone mapping; it is copied beside the output.
+"""
+from __future__ import annotations
+
+import json
+import shutil
+from collections import defaultdict
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from training import color, errors, metrics, parallel
+from training.auxiliary import load_prefilters, run_network
+from training.errors import DATA, ToolError
+from training.features import encode, load
+from training.imageio import LINEAR_FORMATS, WRITERS, write_image
+from training.result import Result, load_model
+from training.scan import CHANNELS, Group, scan
+from training.settings import Settings, parse
+
+
+@dataclass
+class Denoiser:
+    """A network and how its features are coded; `run` denoises one picture."""
+
+    model: torch.nn.Module
+    features: list[str]
+    main: str
+    transfer: str
+    prefilters: list
+
+    def run(self, images: dict[str, np.ndarray]) -> np.ndarray:
+        """Cleaned features by name (features.load) -> main feature, in its own range, [H,W,C]."""
+        noisy = images[self.main]
+        exposure = color.autoexposure(noisy) if self.main == "hdr" else 1.0
+        codes = encode({f: images[f] for f in self.features}, self.main, self.transfer, exposure)
+        for p in self.prefilters:
+            codes = p.apply(codes, self.features)
+        m = CHANNELS[self.main]
+        out = np.concatenate([run_network(self.model, np.concatenate(
+            [codes[..., k:min(k + 3, m)], codes[..., m:]], -1)) for k in range(0, m, 3)], -1)
+        out = color.TRANSFERS[self.transfer].inverse(np.maximum(np.nan_to_num(out), 0.0))
+        if self.main in ("nrm", "sh1"):
+            return np.clip(out * 2.0 - 1.0, -1.0, 1.0).astype(np.float32)
+        return (out / exposure if self.main in ("hdr", "z") else np.minimum(out, 1.0)).astype(
+            np.float32)
+
+
+def main(argv: list[str]) -> None:
+    settings = parse("infer", argv, __doc__)
+    for kind in settings.format:
+        if kind.lower() not in WRITERS:
+            raise ToolError(f"unknown format '{kind}' (known: {' '.join(WRITERS)})", errors.USAGE)
+    parallel.configure(settings)
+    device = parallel.open_device(settings)
+    print(f"PyTorch: {torch.__version__}\nDevice: {device}")
+    model, trained, epoch = load_model(Result(settings.results_dir, settings.result),
+                                       settings.num_epochs, settings.best, settings.weights)
+    aux = settings.aux_results or trained.get("aux_results") or []
+    work = settings.replace(aux_results=aux, aux_features=trained.aux_features)
+    denoiser = Denoiser(model.to(device), trained.features, trained.main_feature, trained.transfer,
+                        load_prefilters(work))
+    suffix = settings.output_suffix or settings.result
+    if settings.num_epochs and settings.num_epochs > 0:
+        suffix += f"_{epoch}"
+    root = Path(settings.data_dir) / settings.input_data
+    found = scan(root, trained.features, [trained.main_feature], need_target=False)
+    print("\n".join(found.summary()))
+    if not found.groups:
+        raise ToolError(f"{root}: nothing to denoise for {' '.join(trained.features)}", DATA)
+    sums: dict[str, list[float]] = defaultdict(list)
+    for group in found.groups:
+        for name, values in infer_group(group, denoiser, settings, root, suffix):
+            text = ", ".join(f"{k}={v:.4f}" for k, v in values.items())
+            print(f"{name} ... {text}" if text else name, flush=True)
+            for k, v in values.items():
+                sums[k].append(v)
+    if sums:
+        count = len(next(iter(sums.values())))
+        text = ", ".join(f"{k}_avg={np.mean(v):.4f}" for k, v in sums.items())
+        print(f"{settings.result}: {text} ({count} images)")
+
+
+def infer_group(group: Group, denoiser: Denoiser, settings: Settings, root: Path, suffix: str):
+    """Denoise and save the inputs of a group; yields (name, metrics) of each."""
+    folder = Path(settings.output_dir) / settings.input_data
+    main_feature = denoiser.main
+    exposure, metadata = read_metadata(root, group.name)
+    if metadata:
+        (folder / metadata.relative_to(root)).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(metadata, folder / metadata.relative_to(root))
+    target = None
+    if group.target:
+        target = load(group.target, [main_feature], settings.layers)[main_feature]
+        if settings.save_all:
+            save(folder / group.target.name, target, main_feature, settings.format, exposure)
+    for version in group.inputs:
+        images = load(version, denoiser.features, settings.layers)
+        output = denoiser.run(images)
+        values = {}
+        if target is not None:
+            if target.shape != output.shape:
+                raise ToolError(f"{version.name}: the input and target images have different sizes",
+                                DATA)
+            shown = [metrics.to_display(i, main_feature, exposure) for i in (output, target)]
+            values = metrics.measure(shown[0], shown[1], settings.metric)
+        save(folder / f"{version.name}.{suffix}", output, main_feature, settings.format, exposure)
+        if settings.save_all:
+            save(folder / version.name, images[main_feature], main_feature, settings.format,
+                 exposure)
+        yield version.name, values
+
+
+def save(stem: Path, image: np.ndarray, feature: str, formats: list[str], exposure: float) -> None:
+    """Write a feature in every format; sh1 as three pictures."""
+    if feature == "sh1":
+        for i, axis in enumerate("xyz"):
+            for kind in formats:
+                _save(Path(f"{stem}.sh1{axis}.{kind}"), image[..., 3 * i:3 * i + 3], feature, 1.0)
+        return
+    for kind in formats:
+        _save(Path(f"{stem}.{feature}.{kind}"), image, feature, exposure)
+
+
+def _save(path: Path, image: np.ndarray, feature: str, exposure: float) -> None:
+    linear = path.suffix[1:].lower() in LINEAR_FORMATS
+    write_image(path, image if linear else metrics.to_display(image, feature, exposure))
+
+
+def read_metadata(root: Path, group: str) -> tuple[float, Path | None]:
+    """(tone mapping exposure, its file): <group>.json, or the name cut at its last underscores."""
+    name = group
+    while True:
+        path = root / f"{name}.json"
+        if path.is_file():
+            try:
+                return float(json.loads(path.read_text()).get("exposure", 1.0)), path
+            except (ValueError, TypeError, AttributeError) as e:
+                raise ToolError(f"{path}: not a JSON object with a number 'exposure'", DATA) from e
+        folder, _, last = name.rpartition("/")
+        if "_" not in last:
+            return 1.0, None
+        name = (folder + "/" if folder else "") + last.rpartition("_")[0]
+
+
+if __name__ == "__main__":
+    errors.run(main)

@@ -1,0 +1,72 @@
+"""Image metrics on display values (tone-mapped sRGB in [0,1], [H,W,C]), peak 1."""
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import torch
+
+from training import color
+from training.errors import DEPENDENCY, ToolError
+from training.loss import msssim_value, ssim_value
+from training.scan import MAIN_FEATURES
+
+
+def to_display(image: np.ndarray, feature: str, exposure: float = 1.0) -> np.ndarray:
+    """What a viewer sees of a feature: [H,W,C] -> [0,1]. nrm and sh1 are expected in [-1,1]."""
+    image = np.asarray(image, np.float32)
+    if feature == "hdr":
+        return color.display(image, exposure)
+    if feature in ("nrm", "sh1"):
+        return color.srgb_forward(np.clip(image * 0.5 + 0.5, 0.0, 1.0) ** 6)
+    if feature == "z":
+        return color.srgb_forward(np.clip(color.tonemap(image * exposure), 0.0, 1.0))
+    if feature == "srgb":
+        return np.clip(image, 0.0, 1.0)
+    return color.srgb_forward(np.clip(image, 0.0, 1.0))
+
+
+def _batch(image: np.ndarray) -> torch.Tensor:
+    return torch.from_numpy(np.ascontiguousarray(image.transpose(2, 0, 1), np.float32))[None]
+
+
+def mse(a: np.ndarray, b: np.ndarray) -> float:
+    return float(np.mean((a.astype(np.float64) - b.astype(np.float64)) ** 2))
+
+
+def psnr(a: np.ndarray, b: np.ndarray) -> float:
+    error = mse(a, b)
+    return 10 * math.log10(1 / error) if error > 0 else math.inf
+
+
+def ssim(a: np.ndarray, b: np.ndarray) -> float:
+    return float(ssim_value(_batch(a), _batch(b)))
+
+
+def msssim(a: np.ndarray, b: np.ndarray) -> float:
+    return float(msssim_value(_batch(a), _batch(b)))
+
+
+def flip(a: np.ndarray, b: np.ndarray) -> float:
+    """Mean LDR-FLIP of a against the reference b, at 67 pixels per degree (lower is better)."""
+    try:
+        import flip_evaluator
+    except ImportError as e:
+        raise ToolError("the metric flip needs the package flip-evaluator", DEPENDENCY) from e
+
+    def rgb(x):
+        return np.ascontiguousarray(np.repeat(x, 3, -1) if x.shape[-1] == 1 else x, np.float32)
+
+    return float(flip_evaluator.evaluate(rgb(b), rgb(a), "LDR", inputsRGB=True)[1])
+
+
+METRICS = {"psnr": psnr, "mse": mse, "ssim": ssim, "msssim": msssim, "flip": flip}
+
+
+def measure(image: np.ndarray, reference: np.ndarray, names: list[str]) -> dict[str, float]:
+    """Metrics by name of two display images of one size."""
+    return {n: METRICS[n](image, reference) for n in names}
+
+
+def is_color(feature: str) -> bool:
+    return feature in MAIN_FEATURES or feature in ("alb", "srgb")

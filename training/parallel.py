@@ -1,0 +1,165 @@
+"""Devices and processes: opening them, averaging over them, loaders, mixed precision.
+
+Under torchrun its environment decides (one machine or many). Else --num_devices n starts n
+processes here. gloo connects CPU processes, NCCL those on CUDA devices.
+"""
+from __future__ import annotations
+
+import contextlib
+import os
+import socket
+import sys
+from collections.abc import Callable, Iterable
+
+import torch
+import torch.distributed as dist
+from torch import Tensor
+
+from training.errors import STATE, USAGE, ToolError
+from training.settings import Settings
+
+
+class Team:
+    """The processes of a training as one of them sees them."""
+
+    def __init__(self, rank: int, world: int, device: torch.device):
+        self.rank, self.world, self.device = rank, world, device
+
+    def average(self, grads: list[Tensor]) -> None:
+        """Replace gradients by their mean over the processes, in one message."""
+        if self.world == 1:
+            return
+        flat = torch.cat([g.reshape(-1) for g in grads])
+        dist.all_reduce(flat)
+        flat /= self.world
+        at = 0
+        for g in grads:
+            g.copy_(flat[at:at + g.numel()].view_as(g))
+            at += g.numel()
+
+    def mean(self, value: Tensor) -> Tensor:
+        if self.world > 1:
+            value = value.clone()
+            dist.all_reduce(value)
+            value = value / self.world
+        return value
+
+    def same(self, value: float) -> float:
+        """Rank 0's value, for decisions that all must take alike."""
+        if self.world == 1:
+            return value
+        t = torch.tensor(value, dtype=torch.float64, device=self.device)
+        dist.broadcast(t, 0)
+        return float(t)
+
+
+def open_device(settings: Settings, index: int = 0) -> torch.device:
+    """The device that was asked for, else the first of cuda, mps, cpu that is there."""
+    there = {"cuda": torch.cuda.is_available(), "mps": torch.backends.mps.is_available(),
+             "cpu": True}
+    kind = settings.device or next(k for k, v in there.items() if v)
+    if not there[kind]:
+        raise ToolError(f"device '{kind}' is not available", USAGE)
+    if kind == "cuda":
+        number = settings.device_id + index
+        if number >= torch.cuda.device_count():
+            raise ToolError(f"there is no cuda device {number}", USAGE)
+        torch.cuda.set_device(number)
+        return torch.device("cuda", number)
+    return torch.device(kind)
+
+
+def configure(settings: Settings) -> None:
+    """Threads and determinism of this process."""
+    if settings.threads > 0:
+        torch.set_num_threads(settings.threads)
+    torch.backends.cudnn.benchmark = not settings.deterministic
+    torch.backends.cudnn.deterministic = bool(settings.deterministic)
+
+
+def launch(work: Callable[[Settings, Team], None], settings: Settings) -> None:
+    """Run `work` in every process of the training; returns when all are done."""
+    if "WORLD_SIZE" in os.environ and "RANK" in os.environ:  # torchrun
+        _member(int(os.environ["RANK"]), work, settings, int(os.environ["WORLD_SIZE"]),
+                int(os.environ.get("LOCAL_RANK", 0)))
+    elif settings.num_devices > 1:
+        with socket.socket() as s:  # a free port, so that two trainings do not collide
+            s.bind(("127.0.0.1", 0))
+            port = s.getsockname()[1]
+        os.environ |= {"MASTER_ADDR": "127.0.0.1", "MASTER_PORT": str(port)}
+        try:
+            torch.multiprocessing.spawn(_spawned, (work, settings), settings.num_devices)
+        except torch.multiprocessing.ProcessExitedException as e:
+            raise ToolError("a training process failed (see above)", e.exit_code or STATE) from e
+    else:
+        configure(settings)
+        work(settings, Team(0, 1, open_device(settings)))
+
+
+def _spawned(rank: int, work, settings: Settings) -> None:
+    try:
+        _member(rank, work, settings, settings.num_devices, rank)
+    except ToolError as e:
+        if rank == 0:
+            print(f"Error: {e}", file=sys.stderr)
+        sys.exit(e.code)
+
+
+def _member(rank: int, work, settings: Settings, world: int, local: int) -> None:
+    if settings.batch_size % world:
+        raise ToolError(f"--batch_size {settings.batch_size} does not divide by {world} processes",
+                        USAGE)
+    configure(settings)
+    device = open_device(settings, local)
+    dist.init_process_group("nccl" if device.type == "cuda" else "gloo", rank=rank,
+                            world_size=world)
+    try:
+        work(settings, Team(rank, world, device))
+    finally:
+        dist.destroy_process_group()
+
+
+def loader(batches, steps: range, settings: Settings) -> Iterable:
+    """Batches number `steps`, made by --num_loaders processes ahead of time, or here if 0."""
+    workers = min(settings.num_loaders, len(steps))
+    return torch.utils.data.DataLoader(
+        batches, batch_size=None, sampler=steps, num_workers=workers,
+        multiprocessing_context="fork" if workers and sys.platform == "linux" else None)
+
+
+def compiled(model: torch.nn.Module, settings: Settings, team: Team) -> Callable:
+    default = "reduce-overhead" if team.device.type == "cuda" else "disable"
+    mode = settings.get("compile") or default
+    return model if mode == "disable" else torch.compile(model, mode=mode)
+
+
+class Mixed:
+    """fp16 autocast with a gradient scaler on CUDA; nothing elsewhere."""
+
+    def __init__(self, settings: Settings, team: Team):
+        wanted = settings.precision or ("mixed" if team.device.type == "cuda" else "fp32")
+        if wanted == "mixed" and team.device.type != "cuda":
+            raise ToolError("--precision mixed needs a cuda device", USAGE)
+        self.scaler = torch.amp.GradScaler("cuda") if wanted == "mixed" else None
+
+    def autocast(self):
+        if self.scaler is None:
+            return contextlib.nullcontext()
+        return torch.autocast("cuda", torch.float16)
+
+    def backward(self, loss: Tensor) -> None:
+        (loss if self.scaler is None else self.scaler.scale(loss)).backward()
+
+    def step(self, optimizer: torch.optim.Optimizer) -> None:
+        if self.scaler is None:
+            optimizer.step()
+        else:
+            self.scaler.step(optimizer)
+            self.scaler.update()
+
+    def state(self) -> dict | None:
+        return None if self.scaler is None else self.scaler.state_dict()
+
+    def load(self, state: dict | None) -> None:
+        if self.scaler is not None and state:
+            self.scaler.load_state_dict(state)

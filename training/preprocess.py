@@ -1,0 +1,115 @@
+#!/usr/bin/env python3
+"""Turn a raw data set into network codes, once, for any number of trainings.
+
+    python -m training.preprocess hdr alb nrm -f RT -D data -t train -v valid
+    python -m training.preprocess hdr alb nrm -t train --shard 2/8     (part 2 of 0..7, resumable)
+"""
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+from pathlib import Path
+
+import numpy as np
+
+from export.tza import Writer
+from training import errors
+from training.auxiliary import Prefilter, load_prefilters
+from training.data import load_group
+from training.errors import DATA, OUTPUT, ToolError
+from training.scan import CHANNELS, Scan, scan
+from training.settings import Settings, parse, unique_id
+
+
+def main(argv: list[str]) -> None:
+    settings = parse("preprocess", argv, __doc__)
+    names = [n for n in (settings.train_data, settings.valid_data) if n]
+    prefilters = load_prefilters(settings)
+    done = 0
+    for name in names:
+        root = Path(settings.data_dir) / name
+        if not root.is_dir():
+            print(f"{root}: not found, left out")
+            continue
+        done += preprocess(settings, name, prefilters) is not None
+    if not done:
+        raise ToolError(f"no data set found in {settings.data_dir} ({' '.join(names)})", DATA)
+
+
+def preprocess(settings: Settings, name: str, prefilters: list[Prefilter]) -> Path | None:
+    """Write one data set; returns its folder."""
+    found = scan(Path(settings.data_dir) / name, settings.features,
+                 settings.features if settings.clean_aux else [settings.main_feature])
+    print("\n".join(found.summary()))
+    folder = Path(settings.preproc_dir) / f"{name}.{_suffix(settings, found)}"
+    if (folder / "config.json").exists():
+        print(f"{folder}: done already")
+        return folder
+    groups = found.groups
+    if settings.shard:
+        groups = groups[settings.shard[0]::settings.shard[1]]
+    work = folder.with_name(f".{folder.name}.{os.getpid()}")
+    try:
+        work.mkdir(parents=True)
+    except OSError as e:
+        raise ToolError(f"{work.parent}: cannot write ({e.strerror})", OUTPUT) from e
+    try:
+        count = _write(settings, groups, work, prefilters)
+        if not count and not settings.shard:
+            wanted = " ".join(settings.features)
+            raise ToolError(f"{found.root}: no usable group for {wanted}", DATA)
+        (work / "config.json").write_text(json.dumps(
+            {**settings.to_dict(), "script": "preprocess", "data": name}, indent=2) + "\n")
+        os.rename(work, folder)
+    except OSError as e:
+        raise ToolError(f"{folder}: cannot write ({e.strerror or e})", OUTPUT) from e
+    finally:
+        shutil.rmtree(work, ignore_errors=True)
+    print(f"{folder}: {count} pairs")
+    return folder
+
+
+def _suffix(settings: Settings, found: Scan) -> str:
+    """A new id per run; for shards one that all parts of the same work agree on."""
+    if not settings.shard:
+        return unique_id()
+    keys = ("features", "transfer", "clean_aux", "aux_results", "layers")
+    text = json.dumps([settings.get(k) for k in keys] + [g.name for g in found.groups])
+    digest = hashlib.sha256(text.encode()).hexdigest()[:8]
+    return f"{digest}.{settings.shard[0]}of{settings.shard[1]}"
+
+
+def _write(settings: Settings, groups: list, work: Path, prefilters: list[Prefilter]) -> int:
+    samples = []
+    with Writer(work / "images.tza") as out:
+        for i, group in enumerate(groups):
+            try:
+                picture = load_group(group, settings.features, settings.main_feature,
+                                     settings.transfer, settings.clean_aux, settings.layers)
+            except ToolError as e:
+                print(f"left out {group.name}: {e}")
+                continue
+            target_name = group.target.name
+            print(f"[{i + 1}/{len(groups)}] {target_name}: {len(picture.inputs)} inputs",
+                  flush=True)
+            target = picture.target
+            if not settings.clean_aux:
+                target = target[..., :CHANNELS[settings.main_feature]]
+            out.write(target_name, target, "hwc")
+            for name, image in zip(picture.names, picture.inputs):
+                out.write(name, prefilter(image, settings, prefilters), "hwc")
+                samples.append([name, target_name])
+    (work / "samples.json").write_text(json.dumps(samples, indent=1) + "\n")
+    return len(samples)
+
+
+def prefilter(image: np.ndarray, settings: Settings, prefilters: list[Prefilter]) -> np.ndarray:
+    for p in prefilters:
+        image = p.apply(image, settings.features)
+    return image
+
+
+if __name__ == "__main__":
+    errors.run(main)

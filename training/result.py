@@ -1,0 +1,133 @@
+"""Results: a folder with config.json, checkpoints/ and log/, as Open Image Denoise's toolkit makes.
+
+    results/<name>/config.json                      settings of the training
+                   checkpoints/checkpoint_<n>.pth   after n epochs
+                   checkpoints/best.pth             best validation so far
+                   checkpoints/latest               ASCII epoch of the newest checkpoint
+                   log/                             TensorBoard
+Checkpoints hold epoch, step, model_state, optimizer_state (these are theirs too), ema_state,
+elapsed and best; with the settings they decide everything that follows.
+"""
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from training import nets
+from training.errors import STATE, ToolError
+from training.imageio import replacing
+from training.settings import Settings, input_channels, output_channels
+
+
+class Result:
+    """A result by folder and name; nothing is created before the first save."""
+
+    def __init__(self, results_dir: str | Path, name: str):
+        self.name = name
+        self.folder = Path(results_dir) / name
+        self.checkpoints = self.folder / "checkpoints"
+
+    def exists(self) -> bool:
+        """True if there is something to resume: a failed start without checkpoints is not."""
+        return (self.checkpoints / "latest").exists() and (self.folder / "config.json").exists()
+
+    def require(self) -> None:
+        if not self.folder.is_dir():
+            raise ToolError(f"result '{self.name}' does not exist in {self.folder.parent}", STATE)
+        if not self.exists():
+            raise ToolError(f"{self.folder}: no checkpoints found", STATE)
+
+    def config(self) -> Settings:
+        path = self.folder / "config.json"
+        try:
+            values = json.loads(path.read_text())
+        except (OSError, ValueError) as e:
+            raise ToolError(f"{path}: cannot read ({e})", STATE) from e
+        if not isinstance(values, dict) or "features" not in values:
+            raise ToolError(f"{path}: not the settings of a training", STATE)
+        return Settings(values)
+
+    def save_config(self, settings: Settings) -> None:
+        with replacing(self.folder / "config.json") as tmp:
+            tmp.write_text(json.dumps(settings.to_dict(), indent=2) + "\n")
+
+    def save(self, epoch: int, state: dict[str, Any]) -> None:
+        with replacing(self.checkpoints / f"checkpoint_{epoch}.pth") as tmp:
+            torch.save({"epoch": epoch, **state}, tmp)
+        with replacing(self.checkpoints / "latest") as tmp:
+            tmp.write_text(f"{epoch}\n")
+
+    def save_best(self, epoch: int, state: dict[str, Any]) -> None:
+        with replacing(self.checkpoints / "best.pth") as tmp:
+            torch.save({"epoch": epoch, **state}, tmp)
+
+    def latest_epoch(self) -> int:
+        self.require()
+        try:
+            return int((self.checkpoints / "latest").read_text())
+        except ValueError as e:
+            raise ToolError(f"{self.checkpoints / 'latest'}: not a number", STATE) from e
+
+    def load(self, epoch: int | None = None, best: bool = False,
+             device: str | torch.device = "cpu") -> dict[str, Any]:
+        """The checkpoint of an epoch (none or <= 0: the latest), or of the best validation."""
+        self.require()
+        if best:
+            path = self.checkpoints / "best.pth"
+        else:
+            epoch = self.latest_epoch() if epoch is None or epoch <= 0 else epoch
+            path = self.checkpoints / f"checkpoint_{epoch}.pth"
+        if not path.exists():
+            raise ToolError(f"checkpoint does not exist: {path}", STATE)
+        try:
+            state = torch.load(path, map_location=device, weights_only=True)
+        except Exception as e:  # a damaged file shows as one of many kinds of exception
+            raise ToolError(f"{path}: damaged checkpoint ({type(e).__name__})", STATE) from e
+        if not best and state["epoch"] != epoch:
+            raise ToolError(f"{path}: checkpoint epoch mismatch ({state['epoch']})", STATE)
+        return state
+
+
+def load_model(result: Result, epoch: int | None = None, best: bool = False,
+               weights: str = "ema") -> tuple[torch.nn.Module, Settings, int]:
+    """(model in evaluation mode, settings of its training, epoch) of a result.
+
+    weights: `ema` takes the averaged weights where the checkpoint has them.
+    """
+    settings = result.config()
+    state = result.load(epoch, best)
+    model = make_model(settings)
+    tensors = state["model_state"]
+    if weights == "ema" and state.get("ema_state"):
+        tensors = state["ema_state"]
+    load_tensors(model, tensors, result.name)
+    return model.eval(), settings, state["epoch"]
+
+
+def load_tensors(model: torch.nn.Module, tensors: dict, where: str) -> None:
+    try:
+        model.load_state_dict(tensors)
+    except RuntimeError as e:
+        raise ToolError(f"{where}: the checkpoint is of another model ({str(e).splitlines()[0]})",
+                        STATE) from e
+
+
+def make_model(settings: Settings) -> torch.nn.Module:
+    """A fresh model for the settings of a training."""
+    main = settings.get("main_feature") or settings.features[0]
+    try:
+        return nets.build(settings.model, input_channels(settings.features), output_channels(main))
+    except ValueError as e:
+        raise ToolError(str(e), 2) from e
+
+
+def read_weights(path: Path) -> dict[str, torch.Tensor]:
+    """Tensors of a .tza weights file."""
+    from export.tza import Reader, TzaError
+    try:
+        return {k: torch.tensor(v).float() for k, v in Reader(path).items()}
+    except (TzaError, OSError) as e:
+        raise ToolError(f"{path}: {e}", STATE) from e

@@ -1,0 +1,130 @@
+"""Preprocessed data sets: <preproc_dir>/<data set>.<uid>/{images.tza,samples.json,config.json}.
+
+images.tza holds one fp16 tensor [H,W,C] per image (network codes, layout hwc), samples.json the
+pairs [input name, target name], config.json the settings; config.json is written last, so a folder
+without it is incomplete and never used. Both toolkits read each other's sets. A set made with
+--shard i/n is n folders, <data set>.<uid>.<i>of<n>.
+"""
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from export.tza import Reader, TzaError
+from training.data import Picture
+from training.errors import STATE, ToolError
+from training.features import main_feature
+from training.scan import FEATURES
+from training.settings import Settings
+
+_SHARD = re.compile(r"(?P<key>.+)\.(?P<i>\d+)of(?P<n>\d+)")
+
+
+@dataclass(frozen=True)
+class Stored:
+    """A complete data set on disk: its folders (more than one if it was sharded) and settings."""
+
+    folders: tuple[Path, ...]
+    config: dict[str, Any]
+
+    @property
+    def features(self) -> list[str]:
+        return [f for f in FEATURES if f in self.config["features"]]
+
+
+def list_stored(preproc_dir: Path, name: str) -> tuple[list[Stored], list[str]]:
+    """(complete sets called `name`, remarks on incomplete ones)."""
+    sets: dict[str, dict[int, Path]] = {}
+    counts: dict[str, int] = {}
+    for folder in sorted(preproc_dir.glob(f"{name}.*")):
+        if not (folder / "config.json").is_file():
+            continue
+        shard = _SHARD.fullmatch(folder.name)
+        key = shard["key"] + f" in {shard['n']} shards" if shard else folder.name
+        sets.setdefault(key, {})[int(shard["i"]) if shard else 0] = folder
+        counts[key] = int(shard["n"]) if shard else 1
+    stored, remarks = [], []
+    for key, folders in sets.items():
+        missing = [i for i in range(counts[key]) if i not in folders]
+        if missing:
+            remarks.append(f"{key}: shards {missing} are missing")
+            continue
+        paths = tuple(folders[i] for i in sorted(folders))
+        try:
+            config = json.loads((paths[0] / "config.json").read_text())
+            stored.append(Stored(paths, {"clean_aux": False, "aux_results": [], **config}))
+        except (ValueError, TypeError) as e:
+            remarks.append(f"{paths[0]}: unreadable config.json ({e})")
+    return stored, remarks
+
+
+def find_stored(settings: Settings, name: str) -> Stored:
+    """The data set that serves a training: same main feature, transfer and aux treatment, at least
+    its features; of several the one of fewest channels, then the newest."""
+    root = Path(settings.preproc_dir)
+    stored, remarks = list_stored(root, name)
+    fits = []
+    for s in stored:
+        c = s.config
+        if (main_feature(s.features) == settings.main_feature
+                and set(settings.features) <= set(s.features)
+                and bool(c["clean_aux"]) == bool(settings.clean_aux)
+                and c.get("transfer") == settings.transfer
+                and set(settings.aux_results) <= set(c["aux_results"])
+                and bool(settings.aux_results) == bool(c["aux_results"])):
+            fits.append(s)
+    if not fits:
+        found = [f"{s.folders[0].name} ({' '.join(s.features)}, {s.config.get('transfer')})"
+                 for s in stored]
+        detail = "; ".join(found + remarks) or "none of that name"
+        raise ToolError(f"no matching preprocessed data set '{name}' in {root} for "
+                        f"{' '.join(settings.features)} ({detail})", STATE)
+    fewest = min(len(s.features) for s in fits)
+    return max((s for s in fits if len(s.features) == fewest), key=lambda s: s.folders[0].name)
+
+
+def read_pictures(stored: Stored, features: list[str], main: str,
+                  clean_aux: bool) -> list[Picture]:
+    """Groups of a stored data set with the channels of `features`; arrays are memory mapped."""
+    full = [(f, 9 if f == "sh1" else 1 if f == "z" else 3) for f in stored.features]
+    keep, at = [], 0
+    for f, n in full:
+        keep += range(at, at + n) if f in features else []
+        at += n
+    main_count = dict(full)[main]
+    pictures: dict[str, Picture] = {}
+    for folder in stored.folders:
+        try:
+            images = Reader(folder / "images.tza")
+            pairs = json.loads((folder / "samples.json").read_text())
+            for source, target in pairs:
+                picture = pictures.setdefault(target, Picture(target, [], [], _pick(
+                    images[target], keep, at, main_count)))
+                picture.inputs.append(_pick(images[source], keep, at, main_count))
+                picture.weights.append(_spp(source))
+                picture.names.append(source)
+        except (OSError, TzaError, ValueError, KeyError, IndexError) as e:
+            raise ToolError(f"{folder}: damaged data set ({e})", STATE) from e
+    return list(pictures.values())
+
+
+def _pick(image: np.ndarray, keep: list[int], full: int, main_count: int) -> np.ndarray:
+    """The wanted channels; an image without aux channels has main_count of them."""
+    channels = image.shape[-1]
+    if channels == len(keep) == full:
+        return image
+    if channels == full:
+        return image[..., keep]
+    if channels == main_count:
+        return image
+    raise ValueError(f"an image of {channels} channels where {main_count} or {full} belong")
+
+
+def _spp(name: str) -> float:
+    match = re.search(r"_(\d+)(?:spp)?(?:_s\d+)?$", name, re.I)
+    return float(match[1]) if match else 1.0

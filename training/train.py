@@ -1,0 +1,247 @@
+#!/usr/bin/env python3
+"""Train a denoising network.
+
+    python -m training.train hdr alb nrm -f RT -r my_result            (preprocessed data)
+    python -m training.train hdr alb nrm --raw -D . -t renders --hold_out 12 -m w16 \\
+        -l l1_grad -b 8 --ts 64 --max_lr 5e-3 --time-budget 30m        (raw folder, in memory)
+    torchrun --nproc_per_node=4 -m training.train ...                  (data parallel, any device)
+
+Running the same command again resumes: batch k depends only on the seed and k, the learning rate
+only on the settings and k, and checkpoints hold the rest, so a resumed run equals an uninterrupted
+one.
+"""
+from __future__ import annotations
+
+import math
+import time
+from pathlib import Path
+
+import torch
+
+from training import errors, parallel
+from training.console import Bar, duration
+from training.data import Augment, Batches, Picture, from_raw, hold_out
+from training.errors import DATA, INTERRUPTED, STATE, ToolError
+from training.loss import make_loss
+from training.result import Result, load_model, load_tensors, make_model, read_weights
+from training.scan import scan
+from training.settings import Settings, parse, unique_id
+from training.store import find_stored, read_pictures
+from training.validate import Board, validate
+
+BETA1_HIGH, BETA1_LOW = 0.95, 0.85  # Adam's momentum runs against the learning rate
+# Settings that a resumed training may change; all others must be as they were.
+FREE = {"config", "num_epochs", "num_valid_epochs", "num_save_epochs", "learning_rate",
+        "max_learning_rate", "learning_rate_warmup", "num_loaders", "device", "device_id",
+        "num_devices", "threads", "compile", "preproc_dir", "data_dir", "results_dir", "result",
+        "valid_data", "time_budget", "init", "precision", "deterministic", "quality", "filter"}
+
+
+def main(argv: list[str]) -> None:
+    settings = parse("train", argv, __doc__)
+    settings = settings.replace(result=settings.result or unique_id())
+    parallel.launch(worker, settings)
+
+
+def worker(settings: Settings, team: parallel.Team) -> None:
+    """One process of a training; `team` knows its rank, its device and how to average."""
+    say = print if team.rank == 0 else (lambda *a, **k: None)
+    say(f"PyTorch: {torch.__version__}")
+    say(f"Device: {team.device} x {team.world}")
+    result = Result(settings.results_dir, settings.result)
+    resuming = result.exists()
+    if resuming:
+        settings = agree(settings, result.config(), say)
+
+    # Data. Nothing is written before this has worked.
+    pictures, valid = open_data(settings, say)
+    augment = Augment(settings.exposure_jitter, settings.average_inputs, settings.blend_target,
+                      settings.mix_clean_aux, settings.normal_signs)
+    batches = Batches(pictures, settings.features, settings.main_feature, settings.transfer,
+                      settings.batch_size, settings.tile_size, settings.seed, augment,
+                      settings.clean_aux, team.rank, team.world)
+    steps_per_epoch = batches.steps_per_epoch
+    total_steps = settings.num_epochs * steps_per_epoch
+
+    # Model, averaged weights, optimiser, loss.
+    torch.manual_seed(settings.seed)
+    model = make_model(settings).to(team.device, memory_format=torch.channels_last)
+    if settings.init and not resuming:
+        load_tensors(model, initial_weights(settings), settings.init)
+    params = list(model.parameters())
+    ema = [p.detach().clone() for p in params] if settings.ema > 0 else []
+    optimizer = torch.optim.Adam(params, lr=settings.learning_rate)
+    loss_of = make_loss(settings.loss, settings.msssim_weights)
+    run = parallel.compiled(model, settings, team)
+    mixed = parallel.Mixed(settings, team)
+
+    # State: the steps done, the seconds they took, the best validation.
+    step, elapsed, best = 0, 0.0, math.inf
+    if resuming:
+        state = result.load(device=team.device)
+        load_tensors(model, state["model_state"], result.name)
+        optimizer.load_state_dict(state["optimizer_state"])
+        step = state.get("step", state["epoch"] * steps_per_epoch)
+        elapsed, best = state.get("elapsed", 0.0), state.get("best", math.inf)
+        if ema and state.get("ema_state"):
+            ema = [state["ema_state"][k].clone() for k, _ in model.named_parameters()]
+        mixed.load(state.get("scaler_state"))
+        say(f"Resuming result: {result.name} (epoch {step // steps_per_epoch})")
+    else:
+        say(f"Result: {result.name}")
+    say(f"Training images: {len(batches.pairs)}")
+    say(f"Validation images: {sum(len(p.inputs) for p in valid)}\n")
+    if step >= total_steps:
+        return
+    if team.rank == 0:
+        result.save_config(settings)
+
+    def snapshot() -> dict:
+        names = [k for k, _ in model.named_parameters()]
+        return {"step": step, "elapsed": elapsed + time.monotonic() - start, "best": best,
+                "model_state": model.state_dict(), "optimizer_state": optimizer.state_dict(),
+                "ema_state": dict(zip(names, ema)) if ema else None, "scaler_state": mixed.state()}
+
+    board = Board(result.folder / "log", settings, enabled=team.rank == 0)
+    loader = parallel.loader(batches, range(step, total_steps), settings)
+    bar, start = Bar(enabled=team.rank == 0), time.monotonic()
+    loss_sum, loss_count, epoch_start = torch.zeros((), device=team.device), 0, start
+    finished = False
+    try:
+        for x, y in loader:
+            # Learning rate and momentum: one cycle over the steps, or over the time budget.
+            progress = step / total_steps
+            if settings.time_budget:
+                spent = team.same(elapsed + time.monotonic() - start) / settings.time_budget
+                progress = min(max(progress, spent), 1.0)
+            rate, beta1 = one_cycle(progress, settings)
+            for group in optimizer.param_groups:
+                group["lr"], group["betas"] = rate, (beta1, group["betas"][1])
+
+            # One step.
+            x = x.to(team.device, memory_format=torch.channels_last)
+            y = y.to(team.device)
+            with mixed.autocast():
+                loss = loss_of(run(x), y)
+            optimizer.zero_grad(set_to_none=True)
+            mixed.backward(loss)
+            team.average([p.grad for p in params])
+            mixed.step(optimizer)
+            if ema:
+                decay = min(settings.ema, (step + 1) / (step + 10))
+                torch._foreach_lerp_(ema, [p.detach() for p in params], 1 - decay)
+            step += 1
+            loss_sum += loss.detach()
+            loss_count += 1
+
+            # Progress, and what happens at the end of an epoch or of the training.
+            epoch, index = divmod(step - 1, steps_per_epoch)
+            epoch += 1
+            bar.show(f"Train {epoch:>4}/{settings.num_epochs}", (index + 1) / steps_per_epoch)
+            finished = step == total_steps or bool(settings.time_budget and progress >= 1.0)
+            if index + 1 < steps_per_epoch and not finished:
+                continue
+            mean_loss = float(team.mean(loss_sum / loss_count))
+            if not math.isfinite(mean_loss):
+                raise ToolError(f"the loss is {mean_loss} in epoch {epoch}: lower --max_lr", STATE)
+            now = time.monotonic()
+            rate_images = loss_count * settings.batch_size / max(now - epoch_start, 1e-9)
+            left = remaining(settings, step, total_steps, elapsed, now - start, progress)
+            bar.end(f"loss={mean_loss:.6f}, lr={rate:.3g} ({rate_images:.1f} images/s, "
+                    f"{duration(now - epoch_start)}, eta {duration(left)})")
+            board.scalars(epoch, loss=mean_loss, learning_rate=rate)
+            if valid and (finished or due(epoch, settings.num_valid_epochs)):
+                scores = validate(model, ema, valid, settings, loss_of, team, bar)
+                board.validation(epoch, scores)
+                if scores.loss < best:
+                    best = scores.loss
+                    if team.rank == 0:
+                        result.save_best(epoch, snapshot())
+            if team.rank == 0 and (finished or due(epoch, settings.num_save_epochs)):
+                result.save(epoch, snapshot())
+            loss_sum, loss_count, epoch_start = torch.zeros_like(loss_sum), 0, time.monotonic()
+            if finished:
+                break
+    except KeyboardInterrupt:
+        if team.rank == 0 and step:
+            result.save(step // steps_per_epoch, snapshot())
+        raise ToolError(f"interrupted after {step} steps; the same command resumes",
+                        INTERRUPTED) from None
+    finally:
+        board.close()
+    say(f"Finished ({duration(time.monotonic() - start)})")
+
+
+def one_cycle(progress: float, settings: Settings) -> tuple[float, float]:
+    """(learning rate, Adam's beta1) at `progress` in [0,1]: cosine up over the warm-up, cosine down
+    to a 10000th of the start; beta1 runs the other way."""
+    first, peak = settings.learning_rate, settings.max_learning_rate
+    warmup = settings.learning_rate_warmup
+    if progress < warmup:
+        up = 0.5 - 0.5 * math.cos(math.pi * progress / warmup)
+        return first + (peak - first) * up, BETA1_HIGH + (BETA1_LOW - BETA1_HIGH) * up
+    down = 0.5 - 0.5 * math.cos(math.pi * (progress - warmup) / (1 - warmup))
+    return peak + (first / 1e4 - peak) * down, BETA1_LOW + (BETA1_HIGH - BETA1_LOW) * down
+
+
+def due(epoch: int, every: int) -> bool:
+    return every > 0 and epoch % every == 0
+
+
+def remaining(settings: Settings, step: int, total: int, before: float, now: float,
+              progress: float) -> float:
+    """Seconds to go by the steps done in this run, or by the budget if that ends first."""
+    spent = before + now
+    left = spent / max(step, 1) * (total - step)
+    return min(left, max(settings.time_budget - spent, 0.0)) if settings.time_budget else left
+
+
+def open_data(settings: Settings, say) -> tuple[list[Picture], list[Picture]]:
+    """(training, validation) pictures, from preprocessed sets or, with --raw, from raw folders."""
+    f, m = settings.features, settings.main_feature
+    if not settings.train_data:
+        raise ToolError("no training images: --train_data is missing", DATA)
+    if settings.raw:
+        sets = []
+        for name in (settings.train_data, settings.valid_data):
+            sets.append([])
+            if name:
+                found = scan(Path(settings.data_dir) / name, f, f if settings.clean_aux else [m])
+                say("\n".join(found.summary()))
+                sets[-1] = from_raw(found, f, m, settings.transfer, settings.clean_aux,
+                                    settings.layers, say)
+    else:
+        sets = [read_pictures(find_stored(settings, n), f, m, settings.clean_aux) if n else []
+                for n in (settings.train_data, settings.valid_data)]
+    if settings.hold_out:
+        sets[0], held = hold_out(sets[0], settings.hold_out)
+        sets[1] += held
+    return sets[0], sets[1]
+
+
+def agree(settings: Settings, old: Settings, say) -> Settings:
+    """Settings for resuming: what decides the result must be as it was; the rest may change."""
+    changed = [k for k in settings if k in old and old.get(k) != settings.get(k)]
+    if "seed" in changed:  # not given: the clock's
+        settings = settings.replace(seed=old.seed)
+        changed.remove("seed")
+    fixed = [k for k in changed if k not in FREE]
+    if fixed:
+        text = ", ".join(f"{k} was {old.get(k)}, is {settings.get(k)}" for k in fixed)
+        raise ToolError(f"result {settings.result} was started with other settings ({text}); "
+                        "choose another --result", STATE)
+    for k in changed:
+        if k not in ("config", "result", "results_dir"):
+            say(f"Changed setting: {k} was {old.get(k)}, is {settings.get(k)}")
+    return settings
+
+
+def initial_weights(settings: Settings) -> dict:
+    if settings.init.endswith(".tza"):
+        return read_weights(Path(settings.init))
+    return load_model(Result(settings.results_dir, settings.init))[0].state_dict()
+
+
+if __name__ == "__main__":
+    errors.run(main)
+

@@ -1,0 +1,165 @@
+"""Validation during training: the training loss, and PSNR and SSIM by samples per pixel."""
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Callable
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from training import color, metrics
+from training.console import Bar
+from training.data import Picture
+from training.errors import ToolError
+from training.scan import CHANNELS
+from training.settings import Settings
+
+EXAMPLES = 4  # pictures in TensorBoard
+
+
+@dataclass
+class Scores:
+    """Means over all tiles: loss, metrics of the output and of the noisy input, and by spp."""
+
+    loss: float = math.nan
+    metrics: dict[str, float] = field(default_factory=dict)
+    noisy: dict[str, float] = field(default_factory=dict)
+    by_spp: dict[int, dict[str, float]] = field(default_factory=dict)
+    examples: list[np.ndarray] = field(default_factory=list)  # [H,3W,3]: noisy, output, target
+
+
+def tiles(height: int, width: int, tile: int) -> list[tuple[int, int, int]]:
+    """(y, x, side) of a centred grid of full tiles; smaller ones in pictures that hold none."""
+    t = min(tile, height // 16 * 16, width // 16 * 16)
+    if t == 0:
+        return []
+    ny, nx = height // t, width // t
+    oy, ox = (height - ny * t) // 2, (width - nx * t) // 2
+    return [(oy + i * t, ox + j * t, t) for i in range(ny) for j in range(nx)]
+
+
+@contextmanager
+def averaged(model: torch.nn.Module, ema: list[Tensor]):
+    """The model with its averaged weights for a while."""
+    params = list(model.parameters())
+    kept = [p.detach().clone() for p in params] if ema else []
+    with torch.no_grad():
+        for p, e in zip(params, ema):
+            p.copy_(e)
+        try:
+            yield
+        finally:
+            for p, k in zip(params, kept):
+                p.copy_(k)
+
+
+def validate(model: torch.nn.Module, ema: list[Tensor], valid: list[Picture], settings: Settings,
+             loss_of: Callable, team, bar: Bar) -> Scores:
+    """Rank 0 does the work; all ranks get its loss."""
+    scores = Scores()
+    if team.rank == 0:
+        with averaged(model, ema):
+            scores = score(model, valid, settings, loss_of, team.device, bar)
+        m, n = scores.metrics, scores.noisy
+        bar.title = "Valid"
+        bar.end(f"valid_loss={scores.loss:.6f}, psnr={m['psnr']:.2f} (noisy {n['psnr']:.2f}), "
+                f"ssim={m['ssim']:.4f} ({n['ssim']:.4f})")
+    scores.loss = team.same(scores.loss)
+    return scores
+
+
+def score(model, valid: list[Picture], settings: Settings, loss_of: Callable, device,
+          bar: Bar) -> Scores:
+    transfer = color.TRANSFERS[settings.transfer]
+    m = CHANNELS[settings.main_feature]
+    losses, rows, by_spp, examples = [], [], defaultdict(list), []
+    for done, picture in enumerate(valid):
+        bar.show("Valid", done / len(valid))
+        grid = tiles(*picture.target.shape[:2], settings.tile_size)
+        for codes, spp in zip(picture.inputs, picture.weights):
+            for y, x, t in grid:
+                cut = np.s_[y:y + t, x:x + t]
+                target = picture.target[cut].astype(np.float32)
+                source = codes[cut].astype(np.float32)
+                if settings.clean_aux:
+                    source = np.concatenate([source[..., :m], target[..., m:]], -1)
+                for part in range(0, m, 3):  # sh1 is three runs
+                    take = slice(part, min(part + 3, m))
+                    a = np.concatenate([source[..., take], source[..., m:]], -1)
+                    out = model(_chw(a).to(device, memory_format=torch.channels_last)).float()
+                    want = _chw(target[..., take]).to(device)
+                    losses.append(float(loss_of(out, want)))
+                    shown = [_shown(v, transfer, settings.main_feature) for v in
+                             (_hwc(out), target[..., take], source[..., take])]
+                    row = [metrics.psnr(shown[0], shown[1]), metrics.ssim(shown[0], shown[1]),
+                           metrics.psnr(shown[2], shown[1]), metrics.ssim(shown[2], shown[1])]
+                    rows.append(row)
+                    by_spp[int(spp)].append(row[:2])
+                    if part == 0 and (y, x) == grid[0][:2] and len(examples) < EXAMPLES:
+                        examples.append(np.concatenate([shown[2], shown[0], shown[1]], 1))
+    if not losses:
+        raise ToolError("the validation pictures are smaller than 16x16 pixels")
+    mean, names = np.minimum(np.array(rows), 100.0).mean(0), ("psnr", "ssim")
+    spp = {k: dict(zip(names, np.mean(v, 0))) for k, v in sorted(by_spp.items())}
+    return Scores(float(np.mean(losses)), dict(zip(names, mean[:2])), dict(zip(names, mean[2:])),
+                  spp, examples)
+
+
+def _chw(image: np.ndarray) -> Tensor:
+    return torch.from_numpy(np.ascontiguousarray(image.transpose(2, 0, 1)))[None]
+
+
+def _hwc(x: Tensor) -> np.ndarray:
+    return x[0].detach().cpu().numpy().transpose(1, 2, 0)
+
+
+def _shown(codes: np.ndarray, transfer: color.Transfer, feature: str) -> np.ndarray:
+    image = transfer.inverse(np.maximum(codes, 0.0))
+    if feature in ("nrm", "sh1"):
+        image = image * 2 - 1
+    return metrics.to_display(image, feature)
+
+
+class Board:
+    """TensorBoard, if the package is there: scalars by epoch, and example pictures."""
+
+    def __init__(self, folder: Path, settings: Settings, enabled: bool = True):
+        self.writer, self.folder, self.enabled = None, folder, enabled
+
+    def _open(self) -> None:
+        if not self.enabled or self.writer is not None:
+            return
+        try:
+            from torch.utils.tensorboard import SummaryWriter
+        except ImportError:
+            print("TensorBoard is not installed: no log is written")
+            self.enabled = False
+            return
+        self.writer = SummaryWriter(str(self.folder))
+
+    def scalars(self, epoch: int, **values: float) -> None:
+        self._open()
+        for name, value in values.items():
+            if self.writer:
+                self.writer.add_scalar(name, value, epoch)
+
+    def validation(self, epoch: int, scores: Scores) -> None:
+        if not self.enabled:
+            return
+        self.scalars(epoch, valid_loss=scores.loss,
+                     **{f"valid_{k}": v for k, v in scores.metrics.items()})
+        for spp, values in scores.by_spp.items():
+            self.scalars(epoch, **{f"valid_{k}/{spp}spp": v for k, v in values.items()})
+        if self.writer:
+            for i, image in enumerate(scores.examples):
+                image = np.repeat(image, 3, -1) if image.shape[-1] == 1 else image
+                self.writer.add_image(f"noisy output target/{i}", image, epoch, dataformats="HWC")
+
+    def close(self) -> None:
+        if self.writer:
+            self.writer.close()
