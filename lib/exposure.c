@@ -1,5 +1,5 @@
-/* Outline: the columns of a bin are summed down its rows side by side, then across as a tree. Sums of
- * logarithms are compensated (Kahan), so the scale of a large image keeps its precision. */
+/* Outline: the columns of a bin are summed down its rows side by side, then across as a tree.
+ * Sums of logarithms are compensated (Kahan), so the scale of a large image keeps its precision. */
 #include "exposure.h"
 
 #include <float.h>

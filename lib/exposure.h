@@ -1,5 +1,5 @@
-/* Auto-exposure (Open Image Denoise's rule). Bins of at most 16x16 pixels; the mean of log2 luminance
- * over the bins brighter than 1e-8, summed in a fixed order. */
+/* Auto-exposure (Open Image Denoise's rule). Bins of at most 16x16 pixels; the mean of log2
+ * luminance over the bins brighter than 1e-8, summed in a fixed order. */
 #ifndef LULL_EXPOSURE_H
 #define LULL_EXPOSURE_H
 

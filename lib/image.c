@@ -1,5 +1,5 @@
-/* Outline: pixels are read and written with memcpy, so any address will do; tight three-channel rows,
- * the common case, go as whole rows. */
+/* Outline: pixels are read and written with memcpy, so any address will do; tight three-channel
+ * rows, the common case, go as whole rows. */
 #include "image.h"
 
 #define TYPE_COUNT 2

@@ -1,11 +1,12 @@
-/* Rows of the caller's images to rows of floats and back. Stateless; never touches bytes outside the
- * pixels of the columns asked for. */
+/* Rows of the caller's images to rows of floats and back. Stateless; never touches bytes outside
+ * the pixels of the columns asked for. */
 #ifndef LULL_IMAGE_H
 #define LULL_IMAGE_H
 
 #include "base.h"
 
-/* IEEE 754 half to float (exact) and float to half (round to nearest even, overflow to infinity). */
+/* IEEE 754 half to float (exact) and float to half (round to nearest even, overflow to
+ * infinity). */
 float lull_half_to_float(uint16_t h);
 uint16_t lull_float_to_half(float f);
 
@@ -23,7 +24,9 @@ void lull_image_load(float *out, const lull_image *image, unsigned width, unsign
 void lull_image_store(const lull_image *image, unsigned width, unsigned x, unsigned y, unsigned n,
                       const float *in);
 
-/* In place, n values: *scale, NaN -> 0, clamp to [lo, hi]; the order of oidn's input processing. */
+/* In place, n values: times scale, NaN to 0, clamp to [lo, hi]: the order of Open Image
+ * Denoise's input processing. Magnitudes below FLT_MIN before the product, and up to FLT_MIN
+ * behind it, are 0. */
 void lull_sanitize(float *values, size_t n, float scale, float lo, float hi);
 
 #endif

@@ -1,8 +1,8 @@
-/* Outline: log2 and 2^x are short polynomials (minimax, fitted for this file) around exact reductions
- * of the argument; where a product would lose bits before an exponential, its constant is split so that
- * the leading part of the product is exact. Pieces of a curve are all computed and chosen with bit
- * masks, and values pass in blocks of a fixed size, so that compilers vectorise every loop with the
- * same operations in the same order as scalar code. */
+/* Outline: log2 and 2^x are short polynomials (minimax, fitted for this file) around exact
+ * reductions of the argument; where a product would lose bits before an exponential, its
+ * constant is split so that the leading part of the product is exact. Pieces of a curve are all
+ * computed and chosen with bit masks, and values pass in blocks of a fixed size, so that
+ * compilers vectorise every loop with the same operations in the same order as scalar code. */
 #include "transfer.h"
 
 #include <float.h>
@@ -49,8 +49,8 @@ typedef struct logarithm {
     float whole, part;
 } logarithm;
 
-/* log2(x), x finite >= FLT_MIN. x = 2^whole * m with m in [sqrt(1/2), sqrt(2)); with s = (m-1)/(m+1),
- * log2(m) = 2/ln(2) * atanh(s), an odd series. */
+/* log2(x), x finite >= FLT_MIN. x = 2^whole * m with m in [sqrt(1/2), sqrt(2)); with s =
+ * (m-1)/(m+1), log2(m) = 2/ln(2) * atanh(s), an odd series. */
 LULL_INLINE logarithm log2_parts(float x)
 {
     uint32_t bits = lull_bits(x);
@@ -92,8 +92,8 @@ LULL_INLINE float scale_wide(float v, int32_t n)
     return v * power_of_two(half) * power_of_two(n - half);
 }
 
-/* z^(high + low) for z in [FLT_MIN, FLT_MAX]; |high * log2(z)| < 190. `high` has 12 significant bits,
- * so its product with the whole part of the logarithm is exact. */
+/* z^(high + low) for z in [FLT_MIN, FLT_MAX]; |high * log2(z)| < 190. `high` has 12 significant
+ * bits, so its product with the whole part of the logarithm is exact. */
 LULL_INLINE float power(float z, float high, float low)
 {
     logarithm l = log2_parts(z);
@@ -118,7 +118,7 @@ float lull_exp2(float x)
     return x < -126.0f ? 0.0f : y;
 }
 
-/* ---- Curves ------------------------------------------------------------------------------------- */
+/* ---- Curves ---------------------------------------------------------------------------------- */
 
 LULL_INLINE float linear(float v) { return flush_input(v); }
 
@@ -167,8 +167,9 @@ LULL_INLINE float pu_forward(float y)
     return choose(above, choose(upper, high, middle), 450.6488059461f * v);   /* aN */
 }
 
-/* x <= x0: X/a x;   x <= x1: (X/b x - d/b)^(1/c);   else 2^(K x - G) - f, with K = X/(e ln 2) and
- * G = g/(e ln 2). K and G are split, and x too, so that the argument is reduced without rounding. */
+/* x <= x0: X/a x;   x <= x1: (X/b x - d/b)^(1/c);   else 2^(K x - G) - f, with K = X/(e ln 2)
+ * and G = g/(e ln 2). K and G are split, and x too, so that the argument is reduced without
+ * rounding. */
 LULL_INLINE float pu_inverse(float x)
 {
     const float k_high = 0x1.77ap+4f, k_low = 0x1.f62c8p-11f;
@@ -213,7 +214,7 @@ LULL_INLINE float log_inverse(float x)
                                y * power_of_two(rest), 11.089881754588f * v));
 }
 
-/* ---- Loops -------------------------------------------------------------------------------------- */
+/* ---- Loops ----------------------------------------------------------------------------------- */
 
 typedef void block_function(float *values);
 

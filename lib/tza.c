@@ -1,5 +1,6 @@
-/* Outline: one parser reads a table entry; open() runs it over the whole table and compares names,
- * find() runs it again. Offsets and sizes are 64-bit and checked by subtraction, so nothing overflows. */
+/* Outline: one parser reads a table entry; open() runs it over the whole table and compares
+ * names, find() runs it again. Offsets and sizes are 64-bit and checked by subtraction, so
+ * nothing overflows. */
 #include "tza.h"
 
 #include "image.h"
@@ -22,7 +23,8 @@ typedef struct element_type {
 } element_type;
 
 static const element_type types[] = {
-    {'f', 4, load_f32}, {'h', 2, load_f16}, {'b', 1, load_i8}, {'B', 1, load_u8}, {'i', 4, load_i32}};
+    {'f', 4, load_f32}, {'h', 2, load_f16}, {'b', 1, load_i8},
+    {'B', 1, load_u8},  {'i', 4, load_i32}};
 
 static const struct {
     unsigned rank;

@@ -1,5 +1,6 @@
 /* Reader of TZA weight files (little endian; layout in docs/design.md and docs/arithmetic.md).
- * Works on the caller's bytes in place, copies and allocates nothing, and never reads outside them. */
+ * Works on the caller's bytes in place, copies and allocates nothing, and never reads outside
+ * them. */
 #ifndef LULL_TZA_H
 #define LULL_TZA_H
 
@@ -23,13 +24,13 @@ typedef struct lull_tza_tensor {
     char dtype;     /* 'f' fp32, 'h' fp16, 'b' int8, 'B' uint8, 'i' int32 */
 } lull_tza_tensor;
 
-/* Opens a file and validates all of its table: magic, version, entries inside the file, payloads inside
- * the file, no overflow, no zero dimension, rank 1..4, known layouts and types, no duplicate names.
- * Errors: WEIGHTS, VERSION. On error *tza is unusable. */
+/* Opens a file and validates all of its table: magic, version, entries inside the file, payloads
+ * inside the file, no overflow, no zero dimension, rank 1..4, known layouts and types, no
+ * duplicate names. Errors: WEIGHTS, VERSION. On error *tza is unusable. */
 lull_status lull_tza_open(lull_tza *tza, const void *bytes, size_t size);
 
-/* The tensor called `prefix` followed by `suffix` (e.g. "enc_conv0", ".weight"; NUL-terminated both).
- * Returns 1 and fills *tensor, or returns 0. */
+/* The tensor called `prefix` followed by `suffix` (e.g. "enc_conv0", ".weight"; NUL-terminated
+ * both). Returns 1 and fills *tensor, or returns 0. */
 int lull_tza_find(const lull_tza *tza, const char *prefix, const char *suffix,
                   lull_tza_tensor *tensor);
 

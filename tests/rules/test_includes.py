@@ -16,7 +16,7 @@ LIB = {
     "base": set(),
     "lull": set(),
     "status": set(),
-    "tza": set(),
+    "tza": {"image"},
     "image": set(),
     "transfer": set(),
     "exposure": {"image", "transfer"},
@@ -30,9 +30,9 @@ LIB = {
     "exec": {"plan", "kernels", "image", "transfer", "exposure", "graph", "pack", "quant", "tza"},
     "quant": {"tensor"},
     "tensor": set(),
-    "nlm": {"image"},
+    "nlm": {"image", "transfer"},
 }
-LIBC = {"stddef.h", "stdint.h", "string.h"}  # and of these string.h in base.h only
+LIBC = {"float.h", "stddef.h", "stdint.h", "string.h"}  # string.h in base.h only
 INTRINSICS = {"immintrin.h", "emmintrin.h", "tmmintrin.h", "arm_neon.h", "cpuid.h"}
 PORT_MAY = {"base", "kernels", "quant", "lull"}  # headers of lib/
 APPS_MAY = {"lull.h", "OpenImageDenoise/oidn.h", "OpenImageDenoise/oidn.hpp",

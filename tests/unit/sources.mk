@@ -1,4 +1,8 @@
-# C test programs of this folder; each links the whole static library. Paths from the top of the tree.
+# C test programs of this folder; each links the whole static library. Paths from the top of the
+# tree.
 #   TESTS += <name>           a program; names are unique over all of tests/
 #   TEST_<name>_SOURCES       its files
 #   TEST_<name>_FLAGS         extra compiler flags (optional)
+TESTS += test_transfer test_image
+TEST_test_transfer_SOURCES := tests/unit/test_transfer.c
+TEST_test_image_SOURCES := tests/unit/test_image.c
