@@ -1,0 +1,84 @@
+"""A user's folder of meshes (.ply, .obj), pictures (.png, .jpg) and environments (.exr, .hdr)."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from .backend import SceneError
+from .mesh import Mesh, rotate, scale, smooth_normals, translate
+
+MAX_TRIANGLES = 400_000
+
+
+@dataclass
+class Assets:
+    """What was found. meshes stand on z = 0 and fit a unit cube."""
+
+    meshes: list[Mesh] = field(default_factory=list)
+    pictures: list[np.ndarray] = field(default_factory=list)
+    skies: list[np.ndarray] = field(default_factory=list)
+
+    def furnish(self, rng: np.random.Generator, stage) -> None:
+        """Stands some of the meshes on the floor of a stage."""
+        if not self.meshes:
+            return
+        (lo, hi) = (np.asarray(x, float) for x in stage.extent)
+        half = (hi - lo)[:2] * 0.3
+        for _ in range(int(rng.integers(1, 6))):
+            m = self.meshes[rng.integers(len(self.meshes))]
+            size = float(rng.uniform(0.08, 0.3) * min(hi - lo))
+            at = translate(*rng.uniform(-half, half), 0.0)
+            slot = ("paint", "gloss", "metal", "special", "glass")[rng.integers(5)]
+            m = m.moved(at @ rotate((0, 0, 1), rng.uniform(0, 2 * np.pi)) @ scale(size))
+            stage.add([(slot, m.coloured(rng.uniform(0.05, 0.9, 3)))])
+
+
+def _mesh(mi, path: str) -> Mesh:
+    kind = "ply" if path.lower().endswith(".ply") else "obj"
+    p = mi.traverse(mi.load_dict({"type": kind, "filename": path}))
+    v = np.array(p["vertex_positions"], np.float64).reshape(-1, 3)
+    f = np.array(p["faces"], np.int64).reshape(-1, 3)
+    if len(f) == 0 or len(f) > MAX_TRIANGLES:
+        raise ValueError(f"{len(f)} triangles; between 1 and {MAX_TRIANGLES} are wanted")
+    n = np.array(p["vertex_normals"], np.float64).reshape(-1, 3)
+    uv = np.array(p["vertex_texcoords"], np.float64).reshape(-1, 2)
+    if kind == "obj":  # y is up by custom
+        turn = rotate((1, 0, 0), np.pi / 2)[:3, :3]
+        v, n = v @ turn.T, n @ turn.T
+    lo, hi = v.min(0), v.max(0)
+    v = (v - ((lo + hi) / 2 * (1, 1, 0) + lo * (0, 0, 1))) / max(float((hi - lo).max()), 1e-9)
+    n = n if len(n) else smooth_normals(v, f)
+    uv = uv if len(uv) else v[:, :2] + 0.5
+    return Mesh(v, f, n, uv)
+
+
+def _image(mi, path: str) -> np.ndarray:
+    b = mi.Bitmap(path).convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, False)
+    return np.nan_to_num(np.array(b), posinf=6e4, neginf=0.0).clip(0, 6e4)
+
+
+def load(mi, folder: str | None) -> Assets:
+    """Reads a folder (with subfolders), in sorted order. Raises SceneError for unreadable files."""
+    out = Assets()
+    if folder is None:
+        return out
+    if not os.path.isdir(folder):
+        raise SceneError(f"--assets: {folder} is not a folder", 2)
+    paths = sorted(os.path.join(d, x) for d, _, files in os.walk(folder) for x in files)
+    for path in paths:
+        end = os.path.splitext(path)[1].lower()
+        try:
+            if end in (".ply", ".obj"):
+                out.meshes.append(_mesh(mi, path))
+            elif end in (".png", ".jpg", ".jpeg"):
+                out.pictures.append(np.clip(_image(mi, path), 0.0, 1.0))
+            elif end in (".exr", ".hdr"):
+                out.skies.append(_image(mi, path))
+        except (RuntimeError, ValueError) as err:
+            raise SceneError(f"--assets: {path}: {str(err).splitlines()[0]}", 4) from None
+    if not (out.meshes or out.pictures or out.skies):
+        raise SceneError(f"--assets: {folder} holds no mesh, picture or environment", 2)
+    return out

@@ -1,0 +1,72 @@
+"""Start Mitsuba: variant, LLVM library, thread count. Call load() before any other use of it."""
+
+from __future__ import annotations
+
+import glob
+import os
+from types import ModuleType
+
+VARIANTS = ("llvm_ad_rgb", "cuda_ad_rgb", "scalar_rgb")
+_LLVM_PLACES = (
+    "/usr/lib/*/libLLVM*.so*",
+    "/usr/lib/llvm-*/lib/libLLVM*.so*",
+    "/usr/lib64/libLLVM*.so*",
+    "/usr/local/lib/libLLVM*.so*",
+    "/opt/homebrew/opt/llvm/lib/libLLVM*.dylib",
+)
+
+
+class SceneError(Exception):
+    """A message for the user and the exit code that goes with it."""
+
+    def __init__(self, text: str, code: int = 1):
+        super().__init__(text)
+        self.code = code
+
+
+def _llvm_rank(path: str) -> tuple[int, int]:
+    """Sort key: highest major version first, the full file name before its aliases."""
+    digits = [int(x) for x in "".join(c if c.isdigit() else " " for c in
+                                      os.path.basename(path)).split()]
+    major = max([d for d in digits if d < 100], default=0)
+    return (-major, len(path))
+
+
+def find_llvm() -> str | None:
+    """Path of the newest LLVM shared library (major version >= 11), or None."""
+    found = [p for place in _LLVM_PLACES for p in glob.glob(place) if os.path.isfile(p)]
+    found = [p for p in found if -_llvm_rank(p)[0] >= 11]
+    return min(found, key=_llvm_rank) if found else None
+
+
+def load(variant: str = "llvm_ad_rgb", threads: int = 0) -> ModuleType:
+    """Import Mitsuba with a variant and return its module; raises SceneError (exit code 3).
+
+    threads: Dr.Jit worker threads, 0 = all cores. With 1, Bitmap.write of Mitsuba 3.9 never
+    returns, so images are written by exr.py.
+    """
+    if variant not in VARIANTS:
+        raise SceneError(f"--variant: {variant!r} is none of {', '.join(VARIANTS)}", 2)
+    if variant.startswith("llvm") and not os.environ.get("DRJIT_LIBLLVM_PATH"):
+        path = find_llvm()
+        if path:
+            os.environ["DRJIT_LIBLLVM_PATH"] = path
+    try:
+        import mitsuba as mi
+    except ImportError as err:
+        raise SceneError(f"Mitsuba 3 is not installed (pip install mitsuba): {err}", 3) from None
+    try:
+        mi.set_variant(variant)
+        if variant.startswith("llvm"):
+            import drjit as dr
+            if threads:
+                dr.set_thread_count(threads)
+            dr.eval(mi.Float([0.0]) + 1.0)
+    except Exception as err:
+        hint = ""
+        if variant.startswith("llvm"):
+            hint = " (is LLVM installed? set DRJIT_LIBLLVM_PATH to its shared library)"
+        raise SceneError(f"--variant {variant} does not start: {str(err).splitlines()[0]}{hint}",
+                         3) from None
+    mi.set_log_level(mi.LogLevel.Error)
+    return mi

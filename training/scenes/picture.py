@@ -1,0 +1,102 @@
+"""Renders one loaded scene from one camera at several sample counts into a folder of EXRs."""
+
+from __future__ import annotations
+
+import glob
+import os
+import shutil
+import time
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from . import exr
+
+PASS_SAMPLES = 1 << 22   # camera samples in flight at once: bounds memory (about 1 GB)
+
+
+@dataclass(frozen=True)
+class Shot:
+    """Camera dictionary without film and sampler, and how to render it."""
+
+    camera: dict
+    width: int
+    height: int
+    rfilter: dict
+    sampler: str = "independent"
+
+
+def _sensor(mi, shot: Shot, spp: int):
+    film = {"type": "hdrfilm", "width": shot.width, "height": shot.height, "pixel_format": "rgb",
+            "component_format": "float32", "rfilter": shot.rfilter}
+    sensor = mi.load_dict({**shot.camera, "film": film,
+                           "sampler": {"type": shot.sampler, "sample_count": spp}})
+    if sensor.sampler().sample_count() != spp:  # some round the count up
+        return _sensor(mi, replace(shot, sampler="independent"), spp)
+    return sensor
+
+
+def render(mi, scene, integrator, shot: Shot, spp: int, seed: int) -> np.ndarray:
+    """(height, width, 9) float32: radiance, albedo, normal. Deterministic in seed.
+
+    Large counts are split into passes of equal size with their own seeds.
+    """
+    passes = 1
+    while shot.width * shot.height * spp > PASS_SAMPLES * passes and spp % (passes * 2) == 0:
+        passes *= 2
+    sensor = _sensor(mi, shot, spp // passes)
+    total = np.zeros((shot.height, shot.width, 9), np.float64)
+    for k in range(passes):
+        image = mi.render(scene, sensor=sensor, integrator=integrator, spp=spp // passes,
+                          seed=(seed * 64 + k) & 0x7FFFFFFF)
+        total += np.array(image)[..., :9]
+    return (total / passes).astype(np.float32)
+
+
+def clean(image: np.ndarray) -> tuple[np.ndarray, int]:
+    """Replaces non-finite values by 0; returns the image and how many pixels were bad."""
+    bad = ~np.isfinite(image).all(-1)
+    return np.where(bad[..., None], 0.0, image), int(bad.sum())
+
+
+def write_level(folder: str, name: str, spp: int, image: np.ndarray, bits: int) -> None:
+    """name_SSSSspp.{hdr,alb,nrm}.exr"""
+    for k, kind in enumerate(("hdr", "alb", "nrm")):
+        part = image[..., 3 * k: 3 * k + 3]
+        if kind == "hdr":
+            part = np.maximum(part, 0.0)
+        elif kind == "alb":
+            part = np.clip(part, 0.0, 1.0)
+        exr.write_exr(os.path.join(folder, f"{name}_{spp:04d}spp.{kind}.exr"), part, bits)
+
+
+def write_group(mi, out: str, name: str, scene, integrator, shot: Shot, noisy: list[int],
+                target: int, seed: int, gain: float = 1.0, bits: tuple[int, int] = (10, 10)
+                ) -> dict:
+    """Renders all levels into out/name, which appears only when complete; returns figures.
+
+    noisy, target: samples per pixel; gain multiplies the radiance; bits: mantissa of the noisy
+    files and of the target.
+    """
+    temporary = os.path.join(out, f".{name}.tmp{os.getpid()}")
+    for old in glob.glob(os.path.join(glob.escape(out), f".{name}.tmp*")):  # of a killed run
+        shutil.rmtree(old)
+    os.makedirs(temporary)
+    try:
+        figures: dict = {"seconds": {}, "non_finite": 0}
+        for spp in [*noisy, target]:
+            start = time.process_time()
+            image, bad = clean(render(mi, scene, integrator, shot, spp, seed * 1000 + spp))
+            image[..., :3] *= gain
+            write_level(temporary, name, spp, image, bits[spp == target])
+            figures["seconds"][f"{spp:04d}"] = round(time.process_time() - start, 2)
+            figures["non_finite"] += bad
+        return figures
+    except BaseException:
+        shutil.rmtree(temporary, ignore_errors=True)
+        raise
+
+
+def publish(out: str, name: str) -> None:
+    """Gives the finished folder its name."""
+    os.rename(os.path.join(out, f".{name}.tmp{os.getpid()}"), os.path.join(out, name))

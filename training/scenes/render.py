@@ -1,0 +1,217 @@
+"""Render procedural scenes to train on: python -m training.scenes.render OUT --seeds 0:500
+
+OUT/sNNNNN/ holds sNNNNN_SSSSspp.{hdr,alb,nrm}.exr for every sample count (the highest is the
+target) and manifest.json. Finished scenes are skipped, so a stopped run continues where it was.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import time
+
+import numpy as np
+
+from . import backend
+from .backend import SceneError
+
+ATTEMPTS = 8
+
+
+def seed_list(text: str) -> list[int]:
+    """"0:500" (end excluded), "7" or "1,5,9:12" to a sorted list."""
+    out: set[int] = set()
+    try:
+        for part in text.split(","):
+            a, _, b = part.partition(":")
+            out |= set(range(int(a), int(b))) if b else {int(a)}
+    except ValueError:
+        raise SceneError(f"--seeds: cannot read {text!r} (wanted: 0:500 or 1,5,9:12)", 2) from None
+    if not out or min(out) < 0 or max(out) > 9_999_999:
+        raise SceneError(f"--seeds: {text!r} is empty or outside 0..9999999", 2)
+    return sorted(out)
+
+
+def count_list(text: str, option: str, least: int = 1) -> list[int]:
+    """"1,2,4" to a sorted list of integers >= least."""
+    try:
+        out = sorted({int(x) for x in text.split(",")})
+    except ValueError:
+        raise SceneError(f"{option}: cannot read {text!r} (wanted: 1,2,4,8)", 2) from None
+    if out[0] < least:
+        raise SceneError(f"{option}: {text!r} holds a count below {least}", 2)
+    return out
+
+
+def bit_pair(text: str) -> tuple[int, int]:
+    try:
+        a, b = (int(x) for x in text.split(","))
+    except ValueError:
+        a = b = 0
+    if not (2 <= a <= 10 and 2 <= b <= 10):
+        raise SceneError(f"--bits: cannot read {text!r} (wanted: two of 2..10, as 6,8)", 2)
+    return a, b
+
+
+def shard(items: list, text: str) -> list:
+    """Every n-th item beginning with the i-th, of "i/n"."""
+    try:
+        i, n = (int(x) for x in text.split("/"))
+    except ValueError:
+        raise SceneError(f"--shard: cannot read {text!r} (wanted: i/n, i from 0)", 2) from None
+    if not 0 <= i < n:
+        raise SceneError(f"--shard: {text!r} must have 0 <= i < n", 2)
+    return items[i::n]
+
+
+def parser() -> argparse.ArgumentParser:
+    p = argparse.ArgumentParser(prog="training.scenes.render", description=__doc__,
+                                formatter_class=argparse.RawDescriptionHelpFormatter)
+    p.add_argument("out", metavar="OUT", help="folder of the data set; made if missing")
+    p.add_argument("--seeds", default="0:100", help="scenes, e.g. 0:500 or 3,7,20:40")
+    p.add_argument("--size", type=int, default=256, help="width and height in pixels")
+    p.add_argument("--spp", default="1,2,4,8,16,32", help="sample counts of the noisy images")
+    p.add_argument("--pick", type=int, default=0, metavar="N",
+                   help="render N of the counts, drawn per seed, few samples more often (0 = all)")
+    p.add_argument("--ref", default="1024", help="samples of the target; of several counts "
+                   "(128,512) each seed gets one, the fewer the likelier")
+    p.add_argument("--shard", default="0/1", metavar="i/n",
+                   help="the i-th of n shares of the seeds, i from 0")
+    p.add_argument("--variant", default="llvm_ad_rgb", choices=backend.VARIANTS)
+    p.add_argument("--threads", type=int, default=0, help="CPU threads, 0 = all cores")
+    p.add_argument("--assets", metavar="DIR", help="own meshes, pictures and environments to use")
+    p.add_argument("--bits", default="10,10", metavar="N,T",
+                   help="mantissa bits kept in noisy files and targets (fewer = smaller files)")
+    p.add_argument("--plain", action="store_true",
+                   help="box filter, independent sampler and no fog everywhere")
+    return p
+
+
+def draw_counts(rng: np.random.Generator, counts: list[int], pick: int, target: int) -> list[int]:
+    """All counts below the target, or pick of them, likelier the fewer samples they have."""
+    counts = [c for c in counts if c < target]
+    if not pick or pick >= len(counts):
+        return counts
+    p = 1.0 / (1.0 + np.log2(np.array(counts, float)))
+    return sorted(int(c) for c in rng.choice(counts, pick, replace=False, p=p / p.sum()))
+
+
+def judge(image: np.ndarray) -> str:
+    """Why a pilot picture (h, w, 9) is not worth rendering, or ""."""
+    light = np.nan_to_num(image[..., :3].mean(-1), posinf=0.0)
+    white = np.percentile(light, 95)
+    if not white > 0:
+        return "black"
+    if (light > 0.01 * white).mean() < 0.4:
+        return "mostly black"
+    spread = np.std(np.log(light + 0.02 * white))
+    shapes = image[..., 3:].reshape(-1, 6).std(0).sum()
+    return "flat" if spread < 0.1 or shapes < 0.1 else ""
+
+
+def render_seed(mi, seed: int, args: argparse.Namespace, assets) -> dict:
+    """Renders one scene into OUT; returns its manifest. Raises SceneError when nothing usable."""
+    from . import features, picture, scene
+    counts, targets = count_list(args.spp, "--spp"), np.array(count_list(args.ref, "--ref", 2))
+    name, start, why = f"s{seed:05d}", time.process_time(), []
+    for attempt in range(ATTEMPTS):
+        try:
+            built = scene.build(mi, seed, attempt, assets, args.plain, args.size > 160)
+        except ValueError as err:
+            why.append(str(err))
+            continue
+        st = built.settings
+        integrator = features.make(st.features, st.max_depth, st.fog > 0)
+        shot = picture.Shot(built.camera, args.size, args.size, st.rfilter, st.sampler)
+        pilot, _ = picture.clean(picture.render(mi, built.scene, integrator, shot, 8, seed))
+        fault = judge(pilot)
+        if fault:
+            why.append(fault)
+            continue
+        light = pilot[..., :3].mean(-1)
+        gain = float(np.exp(st.log_exposure) / light.clip(0, np.percentile(light, 97)).mean())
+        rng = np.random.default_rng([seed, 99])
+        target = int(rng.choice(targets, p=(1 / targets) / (1 / targets).sum()))
+        noisy = draw_counts(rng, counts, args.pick, target)
+        figures = picture.write_group(mi, args.out, name, built.scene, integrator, shot, noisy,
+                                      target, seed, gain, bit_pair(args.bits))
+        manifest = {**st.manifest(), "size": args.size, "noisy": noisy, "target": target,
+                    "gain": gain, "rejected": why, "variant": args.variant,
+                    "mitsuba": mi.__version__, **figures,
+                    "cpu_seconds": round(time.process_time() - start, 2)}
+        folder = os.path.join(args.out, f".{name}.tmp{os.getpid()}")
+        with open(os.path.join(folder, "manifest.json"), "w") as f:
+            json.dump(manifest, f, indent=1)
+        picture.publish(args.out, name)
+        return manifest
+    raise SceneError(f"no usable view in {ATTEMPTS} attempts ({', '.join(why)})", 5)
+
+
+def _same_options(out: str, args: argparse.Namespace) -> None:
+    """Keeps a data set from being mixed out of different options."""
+    keep = {k: getattr(args, k) for k in ("size", "spp", "pick", "ref", "plain", "bits")}
+    keep["assets"] = bool(args.assets)
+    path = os.path.join(out, "render.json")
+    if os.path.exists(path):
+        with open(path) as f:
+            had = json.load(f)
+        for k, v in keep.items():
+            if had.get(k) != v:
+                raise SceneError(f"{path}: this folder was rendered with {k} = {had.get(k)}, "
+                                 f"not {v}; use another OUT", 2)
+        return
+    temporary = f"{path}.tmp{os.getpid()}"
+    with open(temporary, "w") as f:
+        json.dump(keep, f, indent=1)
+    os.replace(temporary, path)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Renders the seeds of this shard; returns the exit code."""
+    seeds = shard(seed_list(args.seeds), args.shard)
+    bit_pair(args.bits)
+    if count_list(args.spp, "--spp")[0] >= count_list(args.ref, "--ref", 2)[0]:
+        raise SceneError("--ref: the target needs more samples than the least of --spp", 2)
+    if args.size < 8 or args.pick < 0:
+        raise SceneError("--size must be >= 8 and --pick >= 0", 2)
+    try:
+        os.makedirs(args.out, exist_ok=True)
+        _same_options(args.out, args)
+    except OSError as err:
+        raise SceneError(f"{args.out}: {err.strerror}", 4) from None
+    todo = [s for s in seeds
+            if not os.path.exists(os.path.join(args.out, f"s{s:05d}", "manifest.json"))]
+    print(f"{len(todo)} scenes to render, {len(seeds) - len(todo)} finished before", flush=True)
+    if not todo:
+        return 0
+    mi = backend.load(args.variant, args.threads)
+    import drjit as dr
+    from . import assets
+    stock = assets.load(mi, args.assets)
+    failed = 0
+    for k, seed in enumerate(todo):
+        try:
+            m = render_seed(mi, seed, args, stock)
+        except (SceneError, RuntimeError) as err:  # RuntimeError: Mitsuba or Dr.Jit
+            failed += 1
+            print(f"warning: seed {seed}: {str(err).splitlines()[0]}", file=sys.stderr, flush=True)
+            continue
+        print(f"{k + 1}/{len(todo)} s{seed:05d} {m['layout']} {m['noisy']} + {m['target']} spp, "
+              f"{m['cpu_seconds']} s", flush=True)
+        dr.flush_malloc_cache()
+        dr.flush_kernel_cache()
+    return 5 if failed == len(todo) else 0
+
+
+def main(argv: list[str] | None = None) -> int:
+    try:
+        return run(parser().parse_args(argv))
+    except SceneError as err:
+        print(f"error: {err}", file=sys.stderr)
+        return err.code
+
+
+if __name__ == "__main__":
+    sys.exit(main())
