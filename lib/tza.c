@@ -169,6 +169,7 @@ int lull_tza_find(const lull_tza *tza, const char *prefix, const char *suffix,
     for (i = 0; i < tza->count && read_entry(tensor, &position, tza->bytes, tza->size); ++i)
         if (is_name(tensor, prefix, prefix_length, suffix, suffix_length))
             return 1;
+    memset(tensor, 0, sizeof *tensor);
     return 0;
 }
 

@@ -103,8 +103,12 @@ static float *run(const golden *g, uint32_t ports, unsigned row_step, unsigned s
     lull_images images;
     lull_model *model;
     lull_plan *plan;
-    CHECK_EQ(lull_model_init(&model, model_memory, model_bytes, g->weights, g->weights_bytes, ports),
-             LULL_OK);
+    lull_status status = lull_model_init(&model, model_memory, model_bytes, g->weights,
+                                         g->weights_bytes, ports);
+    if (!CHECK_EQ(status, LULL_OK)) {
+        printf("%s: %s\n", g->folder, lull_status_text(status));
+        exit(1);
+    }
     frame.features = g->inputs == 3 ? 1 : g->inputs == 6 ? 3 : 7;
     frame.row_step = row_step;
     frame.strip_width = strip_width;
