@@ -11,6 +11,7 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
@@ -151,7 +152,7 @@ def from_tensors(tensors: dict) -> nn.Module:
     inputs = int(tensors[f"{net.layers[0].name}.weight"].shape[1])
     model = FAMILIES[net.family](net, inputs, widths)
     wanted = model.state_dict()
-    model.load_state_dict({k: torch.tensor(tensors[k]).float() for k in wanted})
+    model.load_state_dict({k: torch.as_tensor(np.array(tensors[k])).float() for k in wanted})
     return model
 
 

@@ -55,11 +55,9 @@ def worker(settings: Settings, team: parallel.Team) -> None:
 
     # Data. Nothing is written before this has worked.
     pictures, valid = open_data(settings, say)
-    augment = Augment(settings.exposure_jitter, settings.average_inputs, settings.blend_target,
-                      settings.mix_clean_aux, settings.normal_signs)
     batches = Batches(pictures, settings.features, settings.main_feature, settings.transfer,
-                      settings.batch_size, settings.tile_size, settings.seed, augment,
-                      settings.clean_aux, team.rank, team.world)
+                      settings.batch_size, settings.tile_size, settings.seed,
+                      augmentation(settings), settings.clean_aux, team.rank, team.world)
     steps_per_epoch = batches.steps_per_epoch
     total_steps = settings.num_epochs * steps_per_epoch
 
@@ -172,6 +170,11 @@ def worker(settings: Settings, team: parallel.Team) -> None:
     say(f"Finished ({duration(time.monotonic() - start)})")
 
 
+def augmentation(settings: Settings) -> Augment:
+    return Augment(settings.exposure_jitter, settings.average_inputs, settings.blend_target,
+                   settings.mix_clean_aux, settings.normal_signs)
+
+
 def one_cycle(progress: float, settings: Settings) -> tuple[float, float]:
     """(learning rate, Adam's beta1) at `progress` in [0,1]: cosine up over the warm-up, cosine down
     to a 10000th of the start; beta1 runs the other way."""
@@ -203,7 +206,7 @@ def open_data(settings: Settings, say) -> tuple[list[Picture], list[Picture]]:
         raise ToolError("no training images: --train_data is missing", DATA)
     if settings.raw:
         sets = []
-        for name in (settings.train_data, settings.valid_data):
+        for name in (settings.train_data, settings.get("valid_data")):
             sets.append([])
             if name:
                 found = scan(Path(settings.data_dir) / name, f, f if settings.clean_aux else [m])
@@ -212,8 +215,8 @@ def open_data(settings: Settings, say) -> tuple[list[Picture], list[Picture]]:
                                     settings.layers, say)
     else:
         sets = [read_pictures(find_stored(settings, n), f, m, settings.clean_aux) if n else []
-                for n in (settings.train_data, settings.valid_data)]
-    if settings.hold_out:
+                for n in (settings.train_data, settings.get("valid_data"))]
+    if settings.get("hold_out"):
         sets[0], held = hold_out(sets[0], settings.hold_out)
         sets[1] += held
     return sets[0], sets[1]

@@ -1,0 +1,135 @@
+#!/usr/bin/env python3
+"""Look for what is wrong with a raw data set before time is spent on it.
+
+    python -m training.doctor hdr alb nrm -D data -i train
+
+Prints the summary of the data set and one line per finding; the status is 3 if anything was found.
+"""
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from training import color, errors, metrics
+from training.errors import DATA, ToolError
+from training.features import clean, load_raw
+from training.scan import Group, Version, scan
+from training.settings import parse
+
+FAR = 1e-3
+
+
+def check_values(version: Version, raw: dict[str, np.ndarray]) -> Iterator[str]:
+    """Findings about the values of one render, by feature."""
+    for feature, image in raw.items():
+        bad = ~np.isfinite(image)
+        if bad.any():
+            yield f"{feature}: {bad.any(-1).sum()} pixels with NaN or infinity"
+        image = np.where(bad, 0, image)
+        if feature in ("hdr", "ldr", "alb", "z") and (image < -FAR).any():
+            yield f"{feature}: negative values (down to {image.min():.3g})"
+        if feature in ("ldr", "alb") and (image > 1 + FAR).any():
+            share = (image > 1 + FAR).any(-1).mean()
+            yield f"{feature}: above 1 (up to {image.max():.3g}, {share:.1%} of the pixels)"
+        if feature in ("nrm", "sh1") and np.abs(image).max() > 1 + 0.05:
+            yield f"{feature}: outside [-1,1] (up to {np.abs(image).max():.3g})"
+        if feature == "nrm":
+            yield from check_normals(image)
+        if image.size and not image.any():
+            yield f"{feature}: all black"
+
+
+def check_normals(image: np.ndarray) -> Iterator[str]:
+    """Normals stored as n*0.5+0.5 look positive and have unit length only once decoded."""
+    lit = image.any(-1)
+    if not lit.any():
+        return
+    n = image[lit]
+    plain = np.abs(np.linalg.norm(n, axis=-1) - 1).mean()
+    decoded = np.abs(np.linalg.norm(n * 2 - 1, axis=-1) - 1).mean()
+    if n.min() >= -FAR and decoded < plain:
+        yield "nrm: looks encoded as n*0.5+0.5 (nothing negative); store signed normals"
+    elif plain > 0.3:
+        yield f"nrm: far from unit length (by {plain:.2f} on average)"
+
+
+def blur(image: np.ndarray) -> np.ndarray:
+    """[H,W,C] display values halved in size twice: noise goes, the picture stays."""
+    h, w = image.shape[0] // 4 * 4, image.shape[1] // 4 * 4
+    return image[:h, :w].reshape(h // 4, 4, w // 4, 4, -1).mean((1, 3))
+
+
+def roughness(image: np.ndarray) -> float:
+    """Mean absolute second difference: an estimate of the noise of display values."""
+    return float(np.abs(image[:, 2:] - 2 * image[:, 1:-1] + image[:, :-2]).mean())
+
+
+def check_pair(main: str, source: np.ndarray, target: np.ndarray) -> Iterator[str]:
+    """Findings about an input beside its reference; both cleaned, of one size."""
+    if np.array_equal(source, target):
+        yield "identical with its reference"
+        return
+    exposure = color.autoexposure(target) if main == "hdr" else 1.0
+    a, b = (metrics.to_display(i, main, exposure) for i in (source, target))
+    if roughness(b) > 1.1 * roughness(a):
+        yield "less noisy than its reference"
+    if min(a.shape[:2]) >= 16:
+        level = (np.mean(source) + 1e-6) / (np.mean(target) + 1e-6)
+        if not 0.5 < level < 2 and main in ("hdr", "ldr"):
+            yield f"{level:.2f} times as bright as its reference"
+        fa, fb = blur(a) - a.mean((0, 1)), blur(b) - b.mean((0, 1))
+        norm = np.sqrt((fa**2).sum() * (fb**2).sum())
+        if norm > 0 and (fa * fb).sum() / norm < 0.3:
+            yield "does not look like its reference (another view?)"
+
+
+def check_group(group: Group, features: list[str], layers: dict[str, str]) -> Iterator[str]:
+    main = features[0]
+    target, size = None, None
+    for version in [v for v in (group.target, *group.inputs) if v]:
+        wanted = features if not version.missing(features) else [main]
+        try:
+            opened: dict = {}
+            raw = {f: load_raw(version, f, layers, opened) for f in wanted}
+        except ToolError as e:
+            yield str(e)
+            continue
+        yield from (f"{version.name}: {text}" for text in check_values(version, raw))
+        sizes = {f: i.shape[:2] for f, i in raw.items()}
+        size = size or sizes[main]
+        if set(sizes.values()) != {size}:
+            yield f"{version.name}: sizes differ ({sizes})"
+            continue
+        picture = clean(raw[main], main)
+        if version is group.target:
+            target = picture
+        elif target is not None:
+            yield from (f"{version.name}: {text}" for text in check_pair(main, picture, target))
+
+
+def main(argv: list[str]) -> None:
+    settings = parse("doctor", argv, __doc__)
+    features = [settings.main_feature, *settings.aux_features]
+    found = scan(Path(settings.data_dir) / settings.input_data, features, need_target=False)
+    print("\n".join(found.summary()))
+    if not found.groups:
+        raise ToolError(f"{found.root}: no group for {' '.join(features)}", DATA)
+    count = 0
+    for group in found.groups:
+        if group.target is None:
+            print(f"{group.name}: no reference")
+        for text in check_group(group, features, settings.layers):
+            print(text)
+            count += 1
+    count += len(found.left_out)
+    for name, reason in found.left_out:
+        print(f"{name}: {reason}")
+    if count:
+        raise ToolError(f"{count} findings in {len(found.groups)} groups", DATA)
+    print(f"{len(found.groups)} groups: nothing found")
+
+
+if __name__ == "__main__":
+    errors.run(main)

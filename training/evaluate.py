@@ -1,0 +1,203 @@
+#!/usr/bin/env python3
+"""Measure weights files on pictures with references, beside the noisy input and the real OIDN.
+
+    python -m training.evaluate weights/a.tza=hdr weights/b.tza=hdr,alb,nrm --images pictures \\
+        --held_out data/train:12 --report docs/models.md
+
+Cases are the groups of the naming scheme and folders with noisy.exr and ref.exr. All metrics are
+taken on tone-mapped sRGB (docs/training.md) at the auto-exposure of the reference. OIDN (quality
+high, its own weights) is run where the package pyoidn is installed; it also runs our weights, and
+the difference to ours must be within its own tolerance. The tables go between the marks
+`<!-- scores -->` and `<!-- /scores -->` of the report.
+"""
+from __future__ import annotations
+
+import argparse
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from training import color, errors, metrics, peer
+from training.data import hold_out
+from training.errors import DATA, USAGE, ToolError
+from training.features import load
+from training.imageio import read_exr_channels, replacing
+from training.infer import Denoiser
+from training.layers import find_channels
+from training.nets import from_tensors
+from training.result import read_weights
+from training.scan import Group, Version, list_versions, scan
+
+NAMES = ("psnr", "ssim", "flip")
+MARKS = ("<!-- scores -->", "<!-- /scores -->")
+
+
+@dataclass
+class Case:
+    """One noisy picture and its reference."""
+
+    name: str
+    source: Version
+    target: Version
+
+
+def find_cases(root: Path) -> list[Case]:
+    """Pairs below a folder: the naming scheme, and noisy.exr beside ref.exr."""
+    cases = [Case(v.name, v, g.target) for g in _groups(root) for v in g.inputs]
+    for noisy in sorted(root.rglob("noisy.exr")):
+        ref = noisy.with_name("ref.exr")
+        if ref.exists():
+            name = noisy.parent.relative_to(root).as_posix()
+            cases.append(Case(name, Version(name, None, None, 0, {"*": noisy}),
+                              Version(name, None, "ref", 0, {"*": ref})))
+    if not cases:
+        raise ToolError(f"{root}: no pictures with a reference", DATA)
+    return sorted(cases, key=lambda c: c.name)
+
+
+def _groups(root: Path) -> list[Group]:
+    return scan(root, ["hdr"]).groups if list_versions(root) else []
+
+
+def has_features(version: Version, features: list[str]) -> bool:
+    if "*" not in version.files:
+        return not version.missing(features)
+    channels = read_exr_channels(version.files["*"])
+    return all(find_channels(f, channels) for f in features)
+
+
+def load_denoiser(path: Path, features: list[str]) -> Denoiser:
+    """Our network of a weights file, as torch runs it."""
+    model = from_tensors(read_weights(path)).eval()
+    if model.inputs != 3 * len(features):
+        raise ToolError(f"{path}: has {model.inputs} input channels, {','.join(features)} are "
+                        f"{3 * len(features)}", USAGE)
+    return Denoiser(model, features, features[0], "pu", [])
+
+
+def evaluate(case: Case, path: Path, denoiser: Denoiser, binary: Path | None) -> dict:
+    """Scores of one case: by method and metric, and the agreement with OIDN running our weights."""
+    images = load(case.source, denoiser.features)
+    target = load(case.target, ["hdr"])["hdr"]
+    exposure = color.autoexposure(target)
+    shown = metrics.to_display(target, "hdr", exposure)
+    outputs = {"noisy": images["hdr"], "lull": denoiser.run(images)}
+    row: dict = {"case": case.name, "spp": case.source.spp}
+    if binary:
+        outputs["oidn"] = peer.denoise(binary, images)
+        theirs = peer.denoise(binary, images, path.resolve())
+        row["agreement"] = peer.difference(outputs["lull"], theirs)
+    for method, image in outputs.items():
+        row[method] = metrics.measure(metrics.to_display(image, "hdr", exposure), shown,
+                                      list(NAMES))
+    return row
+
+
+def table(rows: list[dict]) -> list[str]:
+    """Markdown: one line per case, then means; metrics as noisy -> lull (OIDN)."""
+    oidn = all("oidn" in r for r in rows)
+    methods = ["noisy", "lull"] + (["oidn"] if oidn else [])
+    titles = {"noisy": "noisy", "lull": "lull", "oidn": "OIDN 2.5.1"}
+    head = [f"{n.upper()} {titles[m]}" for n in NAMES for m in methods]
+    lines = ["| picture | " + " | ".join(head) + " |", "|---|" + "---:|" * len(head)]
+    mean = {"case": f"**mean of {len(rows)}**"} | {
+        m: {n: float(np.mean([r[m][n] for r in rows])) for n in NAMES} for m in methods}
+    for r in [*rows, mean]:
+        cells = [f"{r[m][n]:.2f}" if n == "psnr" else f"{r[m][n]:.4f}"
+                 for n in NAMES for m in methods]
+        lines.append(f"| {r['case']} | " + " | ".join(cells) + " |")
+    return lines
+
+
+def verdict(rows: list[dict]) -> str:
+    """How many cases improve, in words."""
+    worse = [r["case"] for r in rows
+             if any(r["lull"][n] <= r["noisy"][n] for n in ("psnr", "ssim"))]
+    better = len(rows) - len(worse)
+    text = f"{better} of {len(rows)} pictures are better than their input in PSNR and SSIM"
+    text += f" (not: {', '.join(worse)})." if worse else "."
+    far = [r["case"] for r in rows if "agreement" in r
+           and (r["agreement"][0] > 0.003 or r["agreement"][1])]
+    if "agreement" in rows[0]:
+        mean = float(np.mean([r["agreement"][0] for r in rows]))
+        text += f" OIDN 2.5.1 running the same weights differs by {mean:.1e} on average" \
+                f" ({len(far)} pictures beyond its tolerance of 3e-3)."
+    return text
+
+
+def by_spp(rows: list[dict]) -> list[dict]:
+    """Means per sample count, as rows."""
+    merged = []
+    for spp in sorted({r["spp"] for r in rows}):
+        part = [r for r in rows if r["spp"] == spp]
+        row = {"case": f"{spp} spp ({len(part)})"}
+        for m in ("noisy", "lull", "oidn"):
+            if all(m in r for r in part):
+                row[m] = {n: float(np.mean([r[m][n] for r in part])) for n in NAMES}
+        merged.append(row)
+    return merged
+
+
+def write_report(path: Path, text: str) -> None:
+    """Replace what stands between the marks; a new file gets them."""
+    old = path.read_text() if path.exists() else "\n".join(MARKS) + "\n"
+    if not all(m in old for m in MARKS):
+        raise ToolError(f"{path}: has no marks {MARKS[0]} and {MARKS[1]}", DATA)
+    before, _, rest = old.partition(MARKS[0])
+    after = rest.partition(MARKS[1])[2]
+    with replacing(path) as tmp:
+        tmp.write_text(f"{before}{MARKS[0]}\n{text}\n{MARKS[1]}{after}")
+
+
+def main(argv: list[str]) -> None:
+    parser = argparse.ArgumentParser(prog="python -m training.evaluate", description=__doc__,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("weights", nargs="+", help="file.tza=feature,feature,...")
+    parser.add_argument("--images", action="append", default=[], help="folder with references")
+    parser.add_argument("--held_out", action="append", default=[], metavar="DIR:N",
+                        help="the N groups of a data set that train --hold_out N leaves out")
+    parser.add_argument("--report", type=Path, help="Markdown file to put the tables into")
+    parser.add_argument("--json", type=Path, help="all figures")
+    parser.add_argument("--no_oidn", action="store_true", help="do not run the real OIDN")
+    args = parser.parse_args(argv)
+    torch.set_num_threads(1)
+    binary = None if args.no_oidn else peer.find_binary()
+    print(f"OIDN: {'oidnDenoise of pyoidn' if binary else 'not run'}")
+    sets = [(Path(d).name, find_cases(Path(d))) for d in args.images]
+    for text in args.held_out:
+        folder, _, count = text.rpartition(":")
+        held = hold_out(scan(Path(folder), ["hdr"]).groups, int(count))[1]
+        sets.append((f"held out of {Path(folder).name}",
+                     [Case(v.name, v, g.target) for g in held for v in g.inputs]))
+    lines, figures = [], []
+    for text in args.weights:
+        file, _, names = text.partition("=")
+        path, features = Path(file), names.split(",")
+        denoiser = load_denoiser(path, features)
+        lines += [f"### {path.stem}", ""]
+        for title, cases in sets:
+            rows = []
+            for case in (c for c in cases if has_features(c.source, features)):
+                rows.append(evaluate(case, path, denoiser, binary))
+                r = rows[-1]
+                print(f"{path.stem} {case.name}: " + ", ".join(
+                    f"{m} {r[m]['psnr']:.2f}/{r[m]['ssim']:.4f}/{r[m]['flip']:.4f}"
+                    for m in ("noisy", "lull", "oidn") if m in r), flush=True)
+            if not rows:
+                continue
+            print(verdict(rows))
+            short = by_spp(rows) if title.startswith("held out") else rows
+            lines += [f"**{title}** ({len(rows)} pictures)", "", *table(short), "", verdict(rows)]
+            lines += [""]
+            figures += [{"weights": path.name, "set": title, **r} for r in rows]
+    if args.json:
+        args.json.write_text(json.dumps(figures, indent=1) + "\n")
+    if args.report:
+        write_report(args.report, "\n".join(lines))
+
+
+if __name__ == "__main__":
+    errors.run(main)

@@ -1,0 +1,88 @@
+#!/usr/bin/env python3
+"""Learning rate range test: the rate grows at every step until the loss explodes.
+
+    python -m training.find_lr hdr alb nrm -f RT -r sweep        -> results/sweep.csv
+
+Prints a suggestion for --max_lr: a third of the rate at the lowest smoothed loss.
+"""
+from __future__ import annotations
+
+import csv
+import math
+from pathlib import Path
+
+import torch
+
+from training import errors, parallel
+from training.console import Bar
+from training.data import Batches
+from training.errors import USAGE, ToolError
+from training.imageio import replacing
+from training.loss import make_loss
+from training.result import make_model
+from training.settings import Settings, parse, unique_id
+from training.train import augmentation, open_data
+
+SMOOTHING, DIVERGED, MIN_STEPS = 0.98, 4.0, 100
+
+
+def main(argv: list[str]) -> None:
+    settings = parse("find_lr", argv, __doc__)
+    settings = settings.replace(result=settings.result or unique_id())
+    low, high = settings.learning_rate, settings.max_learning_rate
+    if not 0 < low < high:
+        raise ToolError(f"the sweep from {low} to {high} does not rise", USAGE)
+    parallel.launch(worker, settings)
+
+
+def worker(settings: Settings, team: parallel.Team) -> None:
+    pictures, _ = open_data(settings, print if team.rank == 0 else lambda *a: None)
+    batches = Batches(pictures, settings.features, settings.main_feature, settings.transfer,
+                      settings.batch_size, settings.tile_size, settings.seed,
+                      augmentation(settings), settings.clean_aux, team.rank, team.world)
+    steps = settings.num_steps or max(batches.steps_per_epoch, MIN_STEPS)
+    if steps < 2:
+        raise ToolError("--num_steps: a sweep needs at least 2", USAGE)
+    torch.manual_seed(settings.seed)
+    model = make_model(settings).to(team.device, memory_format=torch.channels_last)
+    optimizer = torch.optim.Adam(model.parameters(), lr=settings.learning_rate)
+    loss_of = make_loss(settings.loss, settings.msssim_weights)
+    growth = (settings.max_learning_rate / settings.learning_rate) ** (1 / (steps - 1))
+    rows, smooth, best, bar = [], 0.0, math.inf, Bar(team.rank == 0)
+    for step, (x, y) in enumerate(parallel.loader(batches, range(steps), settings)):
+        rate = settings.learning_rate * growth**step
+        for group in optimizer.param_groups:
+            group["lr"] = rate
+        x = x.to(team.device, memory_format=torch.channels_last)
+        loss = loss_of(model(x), y.to(team.device))
+        optimizer.zero_grad(set_to_none=True)
+        loss.backward()
+        team.average([p.grad for p in model.parameters()])
+        optimizer.step()
+        value = float(team.mean(loss.detach()))
+        smooth = SMOOTHING * smooth + (1 - SMOOTHING) * value
+        unbiased = smooth / (1 - SMOOTHING ** (step + 1))
+        rows.append((rate, unbiased, value))
+        bar.show("Sweep", (step + 1) / steps)
+        best = min(best, unbiased)
+        if not math.isfinite(value) or unbiased > DIVERGED * best:
+            break
+    if team.rank == 0:
+        bar.end(f"{len(rows)} steps")
+        path = Path(settings.results_dir) / f"{settings.result}.csv"
+        save(path, rows)
+        finite = [r for r in rows if math.isfinite(r[1])]
+        lowest = min(finite, key=lambda r: r[1])[0] if finite else math.nan
+        print(f"Saved: {path}")
+        print(f"Lowest smoothed loss at lr={lowest:.3g}; try --max_lr {lowest / 3:.2g}")
+
+
+def save(path: Path, rows: list[tuple[float, float, float]]) -> None:
+    with replacing(path) as tmp, open(tmp, "w", newline="") as f:
+        out = csv.writer(f, quoting=csv.QUOTE_NONNUMERIC)
+        out.writerow(["learning_rate", "smoothed_loss", "loss"])
+        out.writerows(rows)
+
+
+if __name__ == "__main__":
+    errors.run(main)

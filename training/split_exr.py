@@ -1,0 +1,57 @@
+#!/usr/bin/env python3
+"""Split a multichannel EXR into one file per feature, as preprocessing reads them.
+
+    python -m training.split_exr render_0004spp.exr [--layer ViewLayer]
+
+Writes <stem>.<feature>.exr beside the input. Features without channels are named.
+"""
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from training import errors
+from training.errors import DATA, ToolError
+from training.imageio import read_exr_channels, replacing, write_exr
+from training.layers import find_channels
+from training.settings import parse
+
+FEATURES = ("hdr", "a", "alb", "nrm", "z")
+
+
+def main(argv: list[str]) -> None:
+    settings = parse("split_exr", argv, __doc__)
+    path = Path(settings.input)
+    if path.suffix.lower() not in (".exr", ".cxr"):
+        raise ToolError(f"{path}: the image must be an EXR", DATA)
+    channels = read_exr_channels(path)
+    layer = settings.layer
+    if layer:
+        prefix = layer.rstrip(".") + "."
+        channels = {k[len(prefix):]: v for k, v in channels.items() if k.startswith(prefix)}
+        if not channels:
+            raise ToolError(f"{path}: no channels in layer '{layer}'", DATA)
+    print("Channels: " + " ".join(channels))
+    written = [f for f in FEATURES if split(path, channels, f)]
+    missing = [f for f in FEATURES if f not in written]
+    if not written:
+        raise ToolError(f"{path}: no known channels (--layer chooses one)", DATA)
+    if missing:
+        print("Not found: " + " ".join(missing))
+
+
+def split(path: Path, channels: dict[str, np.ndarray], feature: str) -> bool:
+    """Write one feature if its channels are there."""
+    names = find_channels(feature, channels)
+    if names is None:
+        return False
+    out = path.with_name(f"{path.stem}.{feature}.exr")
+    with replacing(out) as tmp:
+        write_exr(tmp, np.stack([channels[n] for n in names], -1))
+    print(f"{out} <- {' '.join(names)}")
+    return True
+
+
+if __name__ == "__main__":
+    errors.run(main)
