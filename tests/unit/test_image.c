@@ -42,7 +42,8 @@ static void every_half_survives_the_round_trip(void)
     uint32_t h;
     for (h = 0; h < 65536; ++h) {
         uint16_t back = lull_float_to_half(lull_half_to_float((uint16_t)h));
-        CHECK(back == h || (is_half_nan((uint16_t)h) && is_half_nan(back) && back >> 15 == h >> 15));
+        int nans = is_half_nan((uint16_t)h) && is_half_nan(back);
+        CHECK(back == h || (nans && back >> 15 == h >> 15));
     }
 }
 
@@ -76,7 +77,8 @@ static void extreme_floats_become_half(void)
 
 typedef struct layout {
     lull_type type;
-    unsigned channels, gap, row_gap, shift; /* bytes after pixels, after rows, before the first pixel */
+    unsigned channels;
+    unsigned gap, row_gap, shift; /* bytes after pixels, after rows, before the first pixel */
 } layout;
 
 enum { WIDTH = 7, HEIGHT = 3 };
