@@ -1,1 +1,1 @@
-"""Comparisons with the real Open Image Denoise, measured in one run. `make peer`, `make bench-peer`."""
+"""Comparisons with the real Open Image Denoise in one run: make peer, bench-peer, chart."""

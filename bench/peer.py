@@ -3,9 +3,9 @@
     python -m bench.peer [--models w16,unet] [--modes hdr,ldr] [--keep DIRECTORY]
 
 Every topology and feature set on pictures of three sizes, compared with OIDN's own metric: relative
-error |e-a| / (|e|+|a|+0.01) of at most 0.003 in the mean, and no outlier (a value off by more than 0.02
-and by more than 5 %). Prints a table; exit status 1 if a row is beyond the bar, 2 if something is
-missing.
+error |e-a| / (|e|+|a|+0.01) of at most 0.003 in the mean, and no outlier (a value off by more than
+0.02 and by more than 5 %). Prints a table; exit status 1 if a row is beyond the bar, 2 if something
+is missing.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ MODELS = ("w16", "unet_small", "unet", "unet_large")
 
 @dataclass(frozen=True)
 class Mode:
-    """A feature set: the options that name its images, and the transfer function of the first one."""
+    """A feature set: the options that name its images, and the first one's transfer function."""
 
     name: str
     images: dict[str, Callable[[pictures.Picture], np.ndarray]]

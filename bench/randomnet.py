@@ -1,8 +1,8 @@
 """Weights without training, for comparisons of arithmetic and of speed.
 
-Random weights give blown-up or dead outputs unless each layer is scaled: here every layer's outputs get
-unit variance on a real picture, and the last layer a mean and spread inside the transfer function's
-useful range. The result is no denoiser, but every weight, every layer and every pixel counts.
+Random weights give blown-up or dead outputs unless each layer is scaled: here every layer's outputs
+get unit variance on a real picture, and the last layer a mean and spread inside the transfer
+function's useful range. The result is no denoiser, but every weight, layer and pixel counts.
 """
 
 from __future__ import annotations
