@@ -1,7 +1,5 @@
 /* fp32 convolution: vectors over 8 output channels; 2 vectors x 6 pixels or 1 x 12 accumulators.
  * Accumulators are named variables: arrays of them end up in memory with some compilers. */
-#include <immintrin.h>
-
 #include "port_avx2.h"
 
 #define TILE_2 6u  /* pixels of a tile of two vectors */

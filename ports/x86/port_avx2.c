@@ -4,5 +4,9 @@
 void lull_port_avx2(lull_kernels *kernels)
 {
     kernels->block_f32 = 8;
+    kernels->block_int = 8;
     kernels->conv_f32 = lull_conv_f32_avx2;
+    kernels->pool_f32 = lull_pool_f32_avx2;
+    kernels->conv_int = lull_conv_int_avx2;
+    kernels->pool_u8 = lull_pool_u8_avx2;
 }

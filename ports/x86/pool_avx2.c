@@ -1,0 +1,43 @@
+/* 2x2 maximum: the two pixels of a pair are neighbours, so a vector of channels is the maximum of four
+ * loads. Rows shorter than a vector are left to plain C. */
+#include "port_avx2.h"
+
+void lull_pool_f32_avx2(float *out, const float *above, const float *below, unsigned channels,
+                        unsigned pixels)
+{
+    for (unsigned p = 0; p < pixels; p++) {
+        unsigned c = 0;
+        for (; c + 8 <= channels; c += 8) {
+            __m256 a = _mm256_max_ps(_mm256_loadu_ps(above + c), _mm256_loadu_ps(above + channels + c));
+            __m256 b = _mm256_max_ps(_mm256_loadu_ps(below + c), _mm256_loadu_ps(below + channels + c));
+            _mm256_storeu_ps(out + c, _mm256_max_ps(a, b));
+        }
+        for (; c < channels; c++) {
+            float a = above[c] > above[channels + c] ? above[c] : above[channels + c];
+            float b = below[c] > below[channels + c] ? below[c] : below[channels + c];
+            out[c] = a > b ? a : b;
+        }
+        out += channels, above += 2 * (size_t)channels, below += 2 * (size_t)channels;
+    }
+}
+
+LULL_INLINE __m128i load(const uint8_t *p) { return _mm_loadu_si128((const __m128i *)(const void *)p); }
+
+void lull_pool_u8_avx2(uint8_t *out, const uint8_t *above, const uint8_t *below, unsigned channels,
+                       unsigned pixels)
+{
+    for (unsigned p = 0; p < pixels; p++) {
+        unsigned c = 0;
+        for (; c + 16 <= channels; c += 16) {
+            __m128i a = _mm_max_epu8(load(above + c), load(above + channels + c));
+            __m128i b = _mm_max_epu8(load(below + c), load(below + channels + c));
+            _mm_storeu_si128((__m128i *)(void *)(out + c), _mm_max_epu8(a, b));
+        }
+        for (; c < channels; c++) {
+            uint8_t a = above[c] > above[channels + c] ? above[c] : above[channels + c];
+            uint8_t b = below[c] > below[channels + c] ? below[c] : below[channels + c];
+            out[c] = a > b ? a : b;
+        }
+        out += channels, above += 2 * (size_t)channels, below += 2 * (size_t)channels;
+    }
+}

@@ -1,0 +1,205 @@
+#include "bench.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <time.h>
+
+#include "conform.h"
+#include "cpu.h"
+
+#define PIXELS 480u
+#define RUNS 9u
+#define RUN_SECONDS 0.02
+
+/* A layer: `taps` x `channels` elements under each of `rows` kernel rows of the source, `skip` channels
+ * under three rows of 3 taps, and how many of the two are wide. */
+typedef struct layer {
+    const char *name;
+    unsigned outputs, channels, taps, rows, skip, wide_source;
+} layer;
+
+static const layer layers[] = {
+    {"3x3 64->64", 64, 64, 3, 3, 0, 0},
+    {"3x3 32->32", 32, 32, 3, 3, 0, 0},
+    {"3x3 48->64", 64, 48, 3, 3, 0, 0},
+    {"3x3 112->112", 112, 112, 3, 3, 0, 0},
+    {"2x2 96 + 3x3 48->96", 96, 96, 2, 2, 48, 0},
+    {"2x2 64 + wide 3x3 9->64", 64, 64, 2, 2, 9, 0},
+    {"wide 3x3 9->32", 32, 9, 3, 3, 0, 1},
+    {"wide 3x3 32->3", 3, 32, 3, 3, 0, 1},
+};
+
+static double cpu_seconds(void)
+{
+#if defined(CLOCK_THREAD_CPUTIME_ID)
+    struct timespec t;
+    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+#else
+    return (double)clock() / CLOCKS_PER_SEC;
+#endif
+}
+
+static int ascending(const void *a, const void *b)
+{
+    double x = *(const double *)a, y = *(const double *)b;
+    return (x > y) - (x < y);
+}
+
+static void *memory(size_t bytes)
+{
+    uint8_t *p = calloc(1, bytes + 64);
+    if (!p) {
+        fprintf(stderr, "bench: no memory\n");
+        exit(2);
+    }
+    return p;
+}
+
+/* Multiply-accumulates per second of a peak loop. */
+static double peak_speed(const bench_peak *peak)
+{
+    double speed[RUNS];
+    for (unsigned i = 0; i < RUNS; i++) {
+        double start = cpu_seconds();
+        double macs = peak->macs(2000000);
+        speed[i] = macs / (cpu_seconds() - start);
+    }
+    qsort(speed, RUNS, sizeof *speed, ascending);
+    return speed[RUNS / 2];
+}
+
+static void add_segment(lull_conv *conv, int is_integer, int is_wide, unsigned elements, unsigned step,
+                        unsigned block, double *macs)
+{
+    lull_segment *segment = &conv->segment[conv->segments++];
+    unsigned group = !is_integer ? 1 : is_wide ? 2 : 4;
+    uint8_t *row, *weights;
+    size_t row_bytes, weight_bytes;
+    segment->length = (elements + group - 1) / group;
+    segment->step = step;
+    row_bytes = ((size_t)PIXELS * step + (size_t)group * segment->length) * 4 / group;
+    weight_bytes = lull_align_up(conv->outputs, block) * segment->length * 4;
+    row = memory(row_bytes);
+    weights = memory(weight_bytes);
+    for (size_t i = 0; is_integer && i < row_bytes; i++)
+        row[i] = (uint8_t)(i * 31 & (is_wide ? 0x7f : 0xff));
+    for (size_t i = 0; is_integer && i < weight_bytes; i++)
+        weights[i] = (uint8_t)(i * 7 % 63);
+    segment->row = row;
+    segment->weights = weights;
+    *macs += (double)elements * conv->outputs * PIXELS;
+}
+
+/* Descriptor of one row of a layer; adds its multiply-accumulates to *macs. */
+static void make(lull_conv *conv, const layer *shape, int is_integer, unsigned block, double *macs)
+{
+    size_t whole = lull_align_up(shape->outputs, block);
+    memset(conv, 0, sizeof *conv);
+    conv->outputs = shape->outputs;
+    conv->pixels = PIXELS;
+    conv->out_step = shape->outputs;
+    conv->out_max = 255;
+    conv->bias = memory(whole * 4);
+    conv->multiplier = memory(whole * 4);
+    for (size_t i = 0; i < whole; i++)
+        ((int32_t *)(size_t)conv->multiplier)[i] = 1 << 20;
+    conv->out = memory(PIXELS * conv->out_step * 4);
+    *macs = 0;
+    if (shape->skip && is_integer && shape->skip < 16) { /* the network's input: wide, first */
+        conv->wide = 3;
+        for (unsigned i = 0; i < 3; i++)
+            add_segment(conv, 1, 1, 3 * shape->skip, 2 * shape->skip, block, macs);
+    }
+    for (unsigned i = 0; i < shape->rows; i++)
+        add_segment(conv, is_integer, (int)shape->wide_source, shape->taps * shape->channels,
+                    shape->channels, block, macs);
+    if (shape->wide_source && is_integer) {
+        conv->wide = conv->segments;
+        conv->out_max = shape->outputs == 3 ? 32767 : 255;
+    }
+    if (shape->skip && !conv->wide)
+        for (unsigned i = 0; i < 3; i++)
+            add_segment(conv, is_integer, 0, 3 * shape->skip, 2 * shape->skip, block, macs);
+}
+
+static void release(lull_conv *conv)
+{
+    for (unsigned s = 0; s < conv->segments; s++) {
+        free((void *)(size_t)conv->segment[s].row);
+        free((void *)(size_t)conv->segment[s].weights);
+    }
+    free((void *)(size_t)conv->bias);
+    free((void *)(size_t)conv->multiplier);
+    free(conv->out);
+}
+
+static double conv_speed(void (*kernel)(const lull_conv *), const lull_conv *conv, double macs)
+{
+    double speed[RUNS];
+    kernel(conv);
+    for (unsigned i = 0; i < RUNS; i++) {
+        double start = cpu_seconds(), end;
+        unsigned n = 0;
+        do {
+            kernel(conv);
+            n++;
+        } while ((end = cpu_seconds()) - start < RUN_SECONDS);
+        speed[i] = macs * n / (end - start);
+    }
+    qsort(speed, RUNS, sizeof *speed, ascending);
+    return speed[RUNS / 2];
+}
+
+static void bench_conv(const char *port, const lull_kernels *kernels, int is_integer)
+{
+    const char *slot = is_integer ? "conv_int" : "conv_f32";
+    double peak = 0;
+    for (unsigned i = 0; i < bench_peak_count; i++)
+        if (!strcmp(bench_peaks[i].port, port) && !strcmp(bench_peaks[i].slot, slot)) {
+            peak = peak_speed(&bench_peaks[i]);
+            printf("%-8s %s peak (%s): %.1f GMAC/s\n", port, slot, bench_peaks[i].instructions,
+                   peak * 1e-9);
+        }
+    for (unsigned i = 0; i < sizeof layers / sizeof layers[0]; i++) {
+        lull_conv conv;
+        double macs, speed;
+        make(&conv, &layers[i], is_integer, is_integer ? kernels->block_int : kernels->block_f32,
+             &macs);
+        speed = conv_speed(is_integer ? kernels->conv_int : kernels->conv_f32, &conv, macs);
+        release(&conv);
+        printf("%-8s %s %-24s %7.1f GMAC/s", port, slot, layers[i].name, speed * 1e-9);
+        if (peak > 0)
+            printf("  %3.0f %% of peak", 100 * speed / peak);
+        printf("\n");
+        fflush(stdout);
+    }
+}
+
+int bench_main(const char *port)
+{
+    static const struct {
+        const char *name;
+        void (*fill)(lull_kernels *);
+    } ports[] = {
+#define PORT(name) {#name, lull_port_##name},
+#include "ports.def"
+    };
+    uint32_t available = lull_cpu_ports();
+    unsigned done = 0;
+    for (unsigned i = 0; i < sizeof ports / sizeof ports[0]; i++) {
+        lull_kernels scalar, kernels;
+        if (!(available >> i & 1) || (port && strcmp(port, ports[i].name) != 0))
+            continue;
+        lull_port_scalar(&scalar);
+        kernels = scalar;
+        ports[i].fill(&kernels);
+        if (i == 0 || kernels.conv_f32 != scalar.conv_f32)
+            bench_conv(ports[i].name, &kernels, 0), done++;
+        if (i == 0 || kernels.conv_int != scalar.conv_int)
+            bench_conv(ports[i].name, &kernels, 1), done++;
+    }
+    if (!done)
+        fprintf(stderr, "bench: no port '%s' on this CPU\n", port ? port : "");
+    return done ? 0 : 2;
+}

@@ -1,0 +1,255 @@
+#include "cases.h"
+
+#include <math.h>
+
+#include "guard.h"
+
+const char *const cases_names[CASES_PATTERNS] = {"random", "min", "max", "alternating", "pairs"};
+
+static float weights[LULL_MAX_SEGMENTS][CASES_MAX_OUTPUTS * CASES_MAX_ELEMENTS];
+static float float_bias[CASES_MAX_OUTPUTS];
+static int32_t int_bias[CASES_MAX_OUTPUTS], multiplier[CASES_MAX_OUTPUTS];
+
+float cases_weight(unsigned s, unsigned o, unsigned e)
+{
+    return weights[s][o * CASES_MAX_ELEMENTS + e];
+}
+
+static float unit(void) { return (float)guard_between(-1000000, 1000000) * 1e-6f; }
+
+/* Value of the pattern between low and high at place i. */
+static int32_t pick(cases_pattern pattern, unsigned i, int32_t low, int32_t high)
+{
+    switch (pattern) {
+    case CASES_MIN: return low;
+    case CASES_MAX:
+    case CASES_PAIRS: return high;
+    case CASES_ALTERNATING: return i & 1 ? low : high;
+    default: return guard_between(low, high);
+    }
+}
+
+/* Two weights of a pair: positive ones sum to at most 128, negative ones to at least -128. */
+static void pick_pair(cases_pattern pattern, float pair[2])
+{
+    int a, b;
+    switch (pattern) {
+    case CASES_MIN: a = b = -64; break;
+    case CASES_MAX: a = b = 64; break;
+    case CASES_ALTERNATING: a = 127, b = -127; break;
+    case CASES_PAIRS:
+        a = guard_between(1, 127);
+        b = 128 - a;
+        if (guard_below(2))
+            a = -a, b = -b;
+        break;
+    default:
+        a = guard_between(-127, 127);
+        b = guard_between(-127, 127);
+        if (a > 0 && b > 0 && a + b > 128)
+            b = 128 - a;
+        if (a < 0 && b < 0 && a + b < -128)
+            b = -128 - a;
+    }
+    pair[0] = (float)a;
+    pair[1] = (float)b;
+}
+
+static void make_int_weights(const cases_conv *c, cases_pattern pattern, unsigned s)
+{
+    for (unsigned o = 0; o < c->conv.outputs; o++) {
+        float *w = &weights[s][o * CASES_MAX_ELEMENTS];
+        for (unsigned e = 0; e < c->elements[s]; e++) {
+            float pair[2];
+            if (s < c->conv.wide)
+                w[e] = (float)pick(pattern, e, -127, 127);
+            else if (e % 2 == 0) {
+                pick_pair(pattern, pair);
+                w[e] = pair[0];
+                if (e + 1 < c->elements[s])
+                    w[e + 1] = pair[1];
+            }
+        }
+    }
+}
+
+static void make_float_weights(const cases_conv *c, cases_pattern pattern, unsigned s)
+{
+    for (unsigned o = 0; o < c->conv.outputs; o++)
+        for (unsigned e = 0; e < c->elements[s]; e++) {
+            float *w = &weights[s][o * CASES_MAX_ELEMENTS + e];
+            *w = pattern == CASES_RANDOM  ? unit()
+                 : pattern == CASES_PAIRS ? unit() * (float)(1u << guard_below(20))
+                                          : (float)pick(pattern, e, -100, 100);
+        }
+}
+
+/* Bias and multiplier of every output: sums stay in int32, results fall on both sides of the clamp. */
+static void make_int_scales(const cases_conv *c, cases_pattern pattern)
+{
+    const lull_conv *conv = &c->conv;
+    for (unsigned o = 0; o < conv->outputs; o++) {
+        double wide = 0, narrow = 0, room;
+        for (unsigned s = 0; s < conv->segments; s++)
+            for (unsigned e = 0; e < c->elements[s]; e++)
+                *(s < conv->wide ? &wide : &narrow) += fabs((double)cases_weight(s, o, e));
+        wide = floor((wide * 32767 + (1 << conv->wide_shift >> 1)) / (1 << conv->wide_shift));
+        room = 2147483647.0 - wide - narrow * 255;
+        room = guard_below(4) ? fmin(room, 1 << 12) : room; /* mostly small */
+        int_bias[o] = pick(pattern, o, -(int32_t)room, (int32_t)room);
+        multiplier[o] = pattern == CASES_RANDOM || pattern == CASES_PAIRS
+                            ? guard_between(0, (1 << (10 + guard_below(21))) - 1)
+                            : pick(pattern, o, 0, (1 << 30) - 1);
+    }
+}
+
+static void fill_row(const cases_conv *c, cases_pattern pattern, unsigned s, void *row, size_t n)
+{
+    int is_wide = s < c->conv.wide;
+    for (size_t i = 0; i < n; i++) {
+        int32_t high = is_wide ? 32767 : 255;
+        if (!c->is_integer) {
+            float v = pattern == CASES_RANDOM || pattern == CASES_PAIRS
+                          ? unit()
+                          : (float)pick(pattern, (unsigned)i, 0, 1000);
+            memcpy((float *)row + i, &v, sizeof v);
+        } else if (is_wide) {
+            ((uint16_t *)row)[i] = (uint16_t)pick(pattern, (unsigned)i, 0, high);
+        } else {
+            ((uint8_t *)row)[i] = (uint8_t)pick(pattern, (unsigned)i, 0, high);
+        }
+    }
+}
+
+static void make_segment(cases_conv *c, cases_pattern pattern, unsigned s)
+{
+    lull_segment *segment = &c->conv.segment[s];
+    unsigned group = !c->is_integer ? 1 : s < c->conv.wide ? 2 : 4;
+    size_t bytes = 4 / group, span;
+    void *row;
+    segment->length = 1 + guard_below(guard_below(4) ? 12 : 40);
+    segment->step = 1 + guard_below(2 * group * segment->length);
+    c->elements[s] = group * segment->length - guard_below(group);
+    span = (size_t)(c->conv.pixels - 1) * segment->step + (size_t)group * segment->length;
+    row = guard_place(GUARD_ROW + s, span * bytes, c->at_end);
+    fill_row(c, pattern, s, row, span);
+    segment->row = row;
+    if (c->is_integer)
+        make_int_weights(c, pattern, s);
+    else
+        make_float_weights(c, pattern, s);
+}
+
+void cases_make(cases_conv *c, int is_integer, cases_pattern pattern, unsigned outputs,
+                unsigned pixels)
+{
+    static const int32_t maxima[] = {255, 255, 255, 100, 32767, 32767, 256, 1000};
+    lull_conv *conv = &c->conv;
+    memset(c, 0, sizeof *c);
+    c->is_integer = is_integer;
+    c->at_end = guard_below(2) != 0;
+    conv->outputs = outputs;
+    conv->pixels = pixels;
+    conv->segments = 1 + guard_below(LULL_MAX_SEGMENTS);
+    conv->out_step = outputs + (guard_below(2) ? guard_below(2 * outputs) : 0);
+    if (is_integer) {
+        conv->wide = guard_below(3) ? guard_below(conv->segments + 1) : 0;
+        conv->wide_shift = guard_below(2) ? guard_below(16) : 0;
+        conv->out_max = maxima[guard_below(8)];
+    }
+    for (unsigned s = 0; s < conv->segments; s++)
+        make_segment(c, pattern, s);
+    if (is_integer)
+        make_int_scales(c, pattern);
+    else
+        for (unsigned o = 0; o < outputs; o++)
+            float_bias[o] = unit() * (pattern == CASES_PAIRS ? 1e3f : 1.0f);
+}
+
+static void pack_segment(cases_conv *c, unsigned s, unsigned block)
+{
+    lull_segment *segment = &c->conv.segment[s];
+    unsigned group = !c->is_integer ? 1 : s < c->conv.wide ? 2 : 4;
+    size_t whole = lull_align_up(c->conv.outputs, block), i = 0;
+    uint8_t *to = guard_place(GUARD_WEIGHTS + s, whole * segment->length * 4, c->at_end);
+    segment->weights = to;
+    for (size_t first = 0; first < whole; first += block)
+        for (unsigned k = 0; k < segment->length; k++)
+            for (size_t o = first; o < first + block; o++)
+                for (unsigned e = k * group; e < (k + 1) * group; e++, i++) {
+                    float w = o < c->conv.outputs && e < c->elements[s]
+                                  ? cases_weight(s, (unsigned)o, e)
+                                  : 0.0f;
+                    int16_t wide = (int16_t)w;
+                    if (group == 1)
+                        memcpy(to + 4 * i, &w, 4);
+                    else if (group == 2)
+                        memcpy(to + 2 * i, &wide, 2);
+                    else
+                        ((int8_t *)to)[i] = (int8_t)w;
+                }
+}
+
+void cases_pack(cases_conv *c, unsigned block)
+{
+    size_t whole = lull_align_up(c->conv.outputs, block), used = c->conv.outputs * (size_t)4;
+    uint8_t *bias = guard_place(GUARD_BIAS, whole * 4, c->at_end);
+    uint8_t *scale = guard_place(GUARD_MULTIPLIER, whole * 4, c->at_end);
+    for (unsigned s = 0; s < c->conv.segments; s++)
+        pack_segment(c, s, block);
+    memset(bias, 0, whole * 4);
+    memset(scale, 0, whole * 4);
+    memcpy(bias, c->is_integer ? (void *)int_bias : (void *)float_bias, used);
+    memcpy(scale, multiplier, used);
+    c->conv.bias = bias;
+    c->conv.multiplier = (int32_t *)(void *)scale;
+}
+
+size_t cases_out_bytes(const cases_conv *c)
+{
+    size_t size = !c->is_integer ? 4 : c->conv.out_max <= 255 ? 1 : 2;
+    return ((c->conv.pixels - 1) * c->conv.out_step + c->conv.outputs) * size;
+}
+
+/* Element e of pixel p's run in segment s. */
+static double element(const cases_conv *c, unsigned s, unsigned p, unsigned e)
+{
+    const lull_segment *segment = &c->conv.segment[s];
+    size_t at = (size_t)p * segment->step + e;
+    if (!c->is_integer)
+        return (double)((const float *)segment->row)[at];
+    return s < c->conv.wide ? (double)((const uint16_t *)segment->row)[at]
+                            : (double)((const uint8_t *)segment->row)[at];
+}
+
+static double requantised(const lull_conv *conv, unsigned o, double wide, double narrow)
+{
+    double scale = 1 << conv->wide_shift;
+    double a = floor((wide + (1 << conv->wide_shift >> 1)) / scale) + int_bias[o] + narrow;
+    /* a * M + 2^30 needs 61 bits: the low 15 bits of a apart */
+    double high = floor(a / 32768), low = a - high * 32768;
+    double q = floor((high * multiplier[o] + floor((low * multiplier[o] + (1 << 30)) / 32768)) / 65536);
+    return fmax(0, fmin(q, conv->out_max));
+}
+
+void cases_define(const cases_conv *c, double *value, double *size)
+{
+    const lull_conv *conv = &c->conv;
+    for (unsigned p = 0; p < conv->pixels; p++)
+        for (unsigned o = 0; o < conv->outputs; o++) {
+            double wide = 0, sum = 0, absolute = 0;
+            size_t at = (size_t)p * conv->outputs + o;
+            for (unsigned s = 0; s < conv->segments; s++)
+                for (unsigned e = 0; e < c->elements[s]; e++) {
+                    double product = element(c, s, p, e) * (double)cases_weight(s, o, e);
+                    *(s < conv->wide ? &wide : &sum) += product;
+                    absolute += fabs(product);
+                }
+            if (c->is_integer) {
+                value[at] = requantised(conv, o, wide, sum);
+            } else {
+                value[at] = fmax(0, sum + (double)float_bias[o]);
+                size[at] = absolute + fabs((double)float_bias[o]);
+            }
+        }
+}

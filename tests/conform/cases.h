@@ -1,0 +1,46 @@
+/* Random convolutions for the conformance tests: logical weights and descriptors, laid out for a block
+ * size in guarded memory. */
+#ifndef LULL_TESTS_CASES_H
+#define LULL_TESTS_CASES_H
+
+#include "kernels.h"
+
+/* What the values look like. */
+typedef enum cases_pattern {
+    CASES_RANDOM,
+    CASES_MIN,         /* every value the smallest */
+    CASES_MAX,         /* every value the largest */
+    CASES_ALTERNATING, /* largest and smallest in turn */
+    CASES_PAIRS,       /* integers: pair sums at their bounds; floats: terms of very different size */
+    CASES_PATTERNS
+} cases_pattern;
+
+extern const char *const cases_names[CASES_PATTERNS];
+
+#define CASES_MAX_OUTPUTS 200u
+#define CASES_MAX_ELEMENTS 256u
+
+typedef struct cases_conv {
+    lull_conv conv;                           /* rows and sizes; weights are not set */
+    unsigned elements[LULL_MAX_SEGMENTS];     /* of a run; beyond them weights are zero */
+    int is_integer, at_end;
+} cases_conv;
+
+/* Makes a case: sizes as given, the rest at random; fills its rows. */
+void cases_make(cases_conv *c, int is_integer, cases_pattern pattern, unsigned outputs,
+                unsigned pixels);
+
+/* Sets weights, bias and multiplier in the layout for blocks of `block` outputs. */
+void cases_pack(cases_conv *c, unsigned block);
+
+/* Weight of output o on element e of segment s. */
+float cases_weight(unsigned s, unsigned o, unsigned e);
+
+/* Bytes that the outputs of the case span: from the first to the last element written. */
+size_t cases_out_bytes(const cases_conv *c);
+
+/* The definition in kernels.h, computed the plain way. Float results go to value[p * outputs + o] and the
+ * sums of |products| to size[...]; integer results to value alone. */
+void cases_define(const cases_conv *c, double *value, double *size);
+
+#endif

@@ -1,0 +1,302 @@
+#include "conform.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <time.h>
+
+#include "cases.h"
+#include "check.h"
+#include "guard.h"
+
+#define MAX_PIXELS 25u /* two tiles of 12 and one */
+#define ROUNDS 2u
+
+/* The running test. */
+static struct {
+    const lull_kernels *port;
+    lull_kernels scalar;
+    int is_scalar;
+    float tolerance;
+    cases_pattern pattern;
+    unsigned cases;
+} now;
+
+static uint8_t expected[1u << 20], before[1u << 20];
+static double value[MAX_PIXELS * CASES_MAX_OUTPUTS], size[MAX_PIXELS * CASES_MAX_OUTPUTS];
+
+static double stored(const cases_conv *c, const uint8_t *out, size_t at)
+{
+    float f;
+    uint16_t wide;
+    if (!c->is_integer)
+        return (double)(memcpy(&f, out + 4 * at, 4), f);
+    return c->conv.out_max <= 255 ? (double)out[at] : (double)(memcpy(&wide, out + 2 * at, 2), wide);
+}
+
+/* Elements against the definition (scalar) or against the scalar port. */
+static int elements_agree(const cases_conv *c, const uint8_t *out)
+{
+    const lull_conv *conv = &c->conv;
+    for (size_t p = 0; p < conv->pixels; p++)
+        for (size_t o = 0; o < conv->outputs; o++) {
+            size_t at = p * conv->out_step + o, i = p * conv->outputs + o;
+            double want = now.is_scalar ? value[i] : stored(c, expected, at);
+            double limit = c->is_integer ? 0 : (double)now.tolerance * size[i];
+            if (!(fabs(stored(c, out, at) - want) <= limit)) {
+                printf("  output %u of pixel %u is %.9g, not %.9g\n", (unsigned)o, (unsigned)p,
+                       stored(c, out, at), want);
+                return 0;
+            }
+        }
+    return 1;
+}
+
+/* What lies between the pixels is as it was. */
+static int gaps_untouched(const cases_conv *c, const uint8_t *out)
+{
+    size_t bytes = !c->is_integer ? 4 : c->conv.out_max <= 255 ? 1 : 2;
+    size_t step = c->conv.out_step * bytes, used = c->conv.outputs * bytes;
+    for (size_t p = 0; p + 1 < c->conv.pixels; p++)
+        if (memcmp(out + p * step + used, before + p * step + used, step - used) != 0)
+            return 0;
+    return 1;
+}
+
+static void run_conv(const lull_kernels *kernels, cases_conv *c, void *out)
+{
+    memcpy(out, before, cases_out_bytes(c));
+    c->conv.out = out;
+    cases_pack(c, c->is_integer ? kernels->block_int : kernels->block_f32);
+    if (c->is_integer)
+        kernels->conv_int(&c->conv);
+    else
+        kernels->conv_f32(&c->conv);
+}
+
+static void conv_case(int is_integer, unsigned outputs, unsigned pixels)
+{
+    cases_conv c;
+    uint8_t *out;
+    cases_make(&c, is_integer, now.pattern, outputs, pixels);
+    out = guard_place(GUARD_OUT, cases_out_bytes(&c), c.at_end);
+    if (now.is_scalar || !is_integer)
+        cases_define(&c, value, size);
+    if (!now.is_scalar) {
+        run_conv(&now.scalar, &c, out);
+        memcpy(expected, out, cases_out_bytes(&c));
+    }
+    run_conv(now.port, &c, out);
+    now.cases++;
+    if (!CHECK(elements_agree(&c, out) && gaps_untouched(&c, out)))
+        printf("  with %u outputs, %u pixels, %u segments (%u wide, shift %u), maximum %ld\n", outputs,
+               pixels, c.conv.segments, c.conv.wide, c.conv.wide_shift, (long)c.conv.out_max);
+}
+
+/* Every number of pixels and every number of outputs up to two of the largest tiles and one. */
+static void conv_cases(int is_integer)
+{
+    unsigned block = is_integer ? now.port->block_int : now.port->block_f32;
+    unsigned most = 8 * block + 1;
+    CHECK(most <= CASES_MAX_OUTPUTS);
+    for (unsigned round = 0; round < ROUNDS; round++) {
+        for (unsigned pixels = 1; pixels <= MAX_PIXELS; pixels++)
+            conv_case(is_integer, 1 + guard_below(most), pixels);
+        for (unsigned outputs = 1; outputs <= most; outputs++)
+            conv_case(is_integer, outputs, 1 + guard_below(MAX_PIXELS));
+    }
+}
+
+static void conv_int_cases(void) { conv_cases(1); }
+static void conv_f32_cases(void) { conv_cases(0); }
+
+/* Runs one pattern of a slot as a counted test and prints its line. */
+static void counted(const char *port, const char *slot, cases_pattern pattern, void (*test)(void))
+{
+    unsigned failed = check_state.failed;
+    now.pattern = pattern;
+    now.cases = 0;
+    snprintf(guard_case, sizeof guard_case, "%s %s %s", port, slot, cases_names[pattern]);
+    guard_seed(0x1234567u + pattern);
+    check_run(guard_case, test);
+    printf("%s %s: %u cases\n", check_state.failed > failed ? "FAIL" : "ok", guard_case, now.cases);
+}
+
+static void counted_patterns(const char *port_name, const lull_kernels *port, int is_scalar,
+                             float tolerance, const char *slot, void (*test)(void))
+{
+    now.port = port;
+    now.is_scalar = is_scalar;
+    now.tolerance = tolerance;
+    lull_port_scalar(&now.scalar);
+    for (unsigned pattern = 0; pattern < CASES_PATTERNS; pattern++)
+        counted(port_name, slot, (cases_pattern)pattern, test);
+}
+
+/* ---- Pooling -------------------------------------------------------------------------------------- */
+
+static void pool_case(unsigned bytes, unsigned channels, unsigned pixels)
+{
+    size_t n = (size_t)channels * pixels * bytes;
+    int at_end = guard_below(2) != 0;
+    uint8_t *out = guard_place(GUARD_OUT, n, at_end);
+    uint8_t *row[2];
+    for (unsigned r = 0; r < 2; r++) {
+        row[r] = guard_place(GUARD_ROW + r, 2 * n, at_end);
+        for (size_t i = 0; i < 2 * n; i += bytes) {
+            int low = now.pattern == CASES_MIN, high = now.pattern == CASES_MAX;
+            float f = low ? 0.0f : high ? 65504.0f : (float)guard_below(1u << 24) * 0.01f;
+            uint8_t u = low ? 0 : high ? 255 : (uint8_t)guard_below(256);
+            if (now.pattern == CASES_ALTERNATING)
+                f = (i / bytes + r) & 1 ? 0.0f : 1.0f, u = (i / bytes + r) & 1 ? 0 : 255;
+            memcpy(row[r] + i, bytes == 4 ? (void *)&f : (void *)&u, bytes);
+        }
+    }
+    for (size_t i = 0; i < n; i += bytes) { /* the definition: largest of four */
+        size_t at = i / bytes / channels * 2 * channels + i / bytes % channels;
+        double best = 0;
+        for (unsigned k = 0; k < 4; k++) {
+            const uint8_t *from = row[k >> 1] + (at + (k & 1) * channels) * bytes;
+            float f = from[0];
+            if (bytes == 4)
+                memcpy(&f, from, 4);
+            best = (double)f > best ? (double)f : best;
+        }
+        if (bytes == 4) {
+            float f = (float)best;
+            memcpy(expected + i, &f, 4);
+        } else {
+            expected[i] = (uint8_t)best;
+        }
+    }
+    if (bytes == 4)
+        now.port->pool_f32((float *)(void *)out, (float *)(void *)row[0], (float *)(void *)row[1],
+                           channels, pixels);
+    else
+        now.port->pool_u8(out, row[0], row[1], channels, pixels);
+    now.cases++;
+    if (!CHECK(memcmp(out, expected, n) == 0))
+        printf("  with %u channels, %u pixels\n", channels, pixels);
+}
+
+static void pool_cases(unsigned bytes)
+{
+    for (unsigned channels = 1; channels <= 2 * 64 + 1; channels++)
+        pool_case(bytes, channels, 1 + guard_below(9));
+    for (unsigned pixels = 1; pixels <= 40; pixels++)
+        pool_case(bytes, 1 + guard_below(130), pixels);
+}
+
+static void pool_f32_cases(void) { pool_cases(4); }
+static void pool_u8_cases(void) { pool_cases(1); }
+
+/* ---- Slots ---------------------------------------------------------------------------------------- */
+
+#define KERNEL(slot, parameters, tolerance, purpose)                                                  \
+    static int slot##_fills(const lull_kernels *a, const lull_kernels *b)                             \
+    {                                                                                                 \
+        return a->slot != b->slot;                                                                    \
+    }                                                                                                 \
+    static void slot##_test(const char *port_name, const lull_kernels *port, int is_scalar, float tol) \
+    {                                                                                                 \
+        counted_patterns(port_name, port, is_scalar, tol, #slot, slot##_cases);                       \
+    }
+#include "kernels.def"
+
+const conform_slot conform_slots[] = {
+#define KERNEL(slot, parameters, tolerance, purpose) \
+    {#slot, tolerance, slot##_fills, slot##_test},
+#include "kernels.def"
+};
+const unsigned conform_slot_count = sizeof conform_slots / sizeof conform_slots[0];
+
+void conform_port(const char *name, void (*fill)(lull_kernels *))
+{
+    lull_kernels scalar, port;
+    int is_scalar = fill == lull_port_scalar;
+    unsigned filled = 0;
+    for (size_t i = 0; i < sizeof before; i++)
+        before[i] = (uint8_t)(i * 37 + 11);
+    lull_port_scalar(&scalar);
+    port = scalar;
+    fill(&port);
+    for (unsigned i = 0; i < conform_slot_count; i++)
+        if (is_scalar || conform_slots[i].fills(&port, &scalar)) {
+            conform_slots[i].test(name, &port, is_scalar, conform_slots[i].tolerance);
+            filled++;
+        }
+    if (!filled) {
+        printf("FAIL %s fills no slot\n", name);
+        check_state.failed++;
+    }
+}
+
+void conform_skip(const char *name, const char *reason)
+{
+    printf("SKIP %s: %s\n", name, reason);
+    check_state.skipped++;
+}
+
+int conform_report(void) { return check_report(); }
+
+/* ---- Table of docs/ports.md ------------------------------------------------------------------------ */
+
+/* Value of the first line of Linux's CPU description that starts with `key`; empty if none. */
+static void cpu_line(const char *key, char *to, size_t bytes)
+{
+    char line[4096];
+    FILE *file = fopen("/proc/cpuinfo", "r");
+    to[0] = 0;
+    while (file && fgets(line, sizeof line, file))
+        if (strncmp(line, key, strlen(key)) == 0 && strchr(line, ':')) {
+            snprintf(to, bytes, "%s", strchr(line, ':') + 2);
+            to[strcspn(to, "\n")] = 0;
+            break;
+        }
+    if (file)
+        fclose(file);
+}
+
+/* Those of the CPU's flags that matter to a port. */
+static void cpu_flags(char *to, size_t bytes)
+{
+    static const char *const known[] = {
+        "ssse3", "avx2", "fma", "avx512f", "avx512bw", "avx512vl", "avx512dq", "avx512_vnni",
+        "avx_vnni", "neon", "asimd", "asimddp", "i8mm"};
+    char flags[4096];
+    size_t n = 0;
+    cpu_line("flags", flags, sizeof flags);
+    if (!flags[0])
+        cpu_line("Features", flags, sizeof flags);
+    to[0] = 0;
+    for (unsigned i = 0; i < sizeof known / sizeof known[0]; i++) {
+        const char *at = flags;
+        size_t length = strlen(known[i]);
+        while ((at = strstr(at, known[i])) != NULL) {
+            if ((at == flags || at[-1] == ' ') && (at[length] == ' ' || !at[length])) {
+                n += (size_t)snprintf(to + n, bytes - n, "%s%s", n ? " " : "", known[i]);
+                break;
+            }
+            at += length;
+        }
+    }
+}
+
+void conform_row(const char *name, void (*fill)(lull_kernels *), const char *where)
+{
+    lull_kernels scalar, port;
+    char model[200], flags[300], date[16];
+    time_t seconds = time(NULL);
+    lull_port_scalar(&scalar);
+    port = scalar;
+    fill(&port);
+    cpu_line("model name", model, sizeof model);
+    cpu_flags(flags, sizeof flags);
+    strftime(date, sizeof date, "%Y-%m-%d", gmtime(&seconds));
+    printf("ROW | %s |", name);
+    for (unsigned i = 0; i < conform_slot_count; i++)
+        if (fill == lull_port_scalar || conform_slots[i].fills(&port, &scalar))
+            printf(" %s", conform_slots[i].name);
+    printf(" | %s | %s | %s |\n", where ? where : model[0] ? model : "this CPU", date,
+           where ? "-" : flags);
+}

@@ -1,0 +1,76 @@
+#!/bin/sh
+# Builds the C tests for other processors with cross compilers and runs them in qemu-user: 64-bit ARM,
+# 32-bit ARM, and s390x, which is big endian. Their results must be the same bits as here.
+#
+#   tests/conform/test_cross.sh [TARGET...]        aarch64 armhf s390x; all without an argument
+#
+# A missing tool skips its target. Environment: LULL_BUILD (default build) is the folder below which
+# cross-TARGET/ is built; JOBS (default: number of processors).
+set -u
+
+cd "$(dirname "$0")/../.." || exit 1
+build=${LULL_BUILD:-build}
+jobs=${JOBS:-$(getconf _NPROCESSORS_ONLN 2>/dev/null || echo 2)}
+passed=0 failed=0 skipped=0
+
+# Names of the test programs in the folders whose tests run anywhere.
+programs=$(cat tests/unit/sources.mk tests/core/sources.mk tests/golden/sources.mk \
+    tests/conform/sources.mk 2>/dev/null | sed -n 's/^TEST_\([a-z0-9_]*\)_SOURCES.*/\1/p')
+
+skip() { # skip TARGET REASON
+    echo "SKIP $1: optional: $2"
+    skipped=$((skipped + 1))
+}
+
+fail() { # fail TARGET REASON
+    echo "FAIL $1: $2"
+    failed=$((failed + 1))
+}
+
+# Adds the counts of a program to ours; its lines are shown with the target's name.
+run_program() { # run_program TARGET EMULATOR PROGRAM
+    log=$build/cross-$1/$3.log
+    "$2" "$build/cross-$1/test/$3" >"$log" 2>&1
+    status=$?
+    counts=$(sed -n '$s/^\([0-9]*\) passed, \([0-9]*\) failed, \([0-9]*\) skipped$/\1 \2 \3/p' "$log")
+    if [ -z "$counts" ]; then
+        fail "$1 $3" "exit status $status, no closing line of counts"
+        tail -5 "$log"
+        return
+    fi
+    # shellcheck disable=SC2086
+    set -- "$1" "$2" "$3" $counts
+    passed=$((passed + $4)) failed=$((failed + $5)) skipped=$((skipped + $6))
+    echo "$1 $3: $4 passed, $5 failed, $6 skipped"
+    sed -n "s/^\(FAIL\|SKIP\) /\1 $1 $3 /p" "$log"
+    [ "$status" = 0 ] || [ "$5" -gt 0 ] || fail "$1 $3" "exit status $status although no test failed"
+}
+
+run_target() { # run_target TARGET COMPILER EMULATOR PACKAGE
+    command -v "$2" >/dev/null 2>&1 || { skip "$1" "$2 is missing (Debian: $4)"; return; }
+    command -v "$3" >/dev/null 2>&1 || { skip "$1" "$3 is missing (Debian: qemu-user)"; return; }
+    folder=$build/cross-$1
+    targets=
+    for program in $programs; do targets="$targets $folder/test/$program"; done
+    mkdir -p "$folder"
+    # shellcheck disable=SC2086
+    if ! make -j"$jobs" CC="$2" AR="${2%gcc}ar" BUILD="$folder" OPENEXR=0 PNG=0 OPENCL=0 SAN= CFLAGS= \
+        OPT=-O2 LDFLAGS=-static $targets >"$folder/make.log" 2>&1; then
+        fail "$1" "does not build"
+        tail -20 "$folder/make.log"
+        return
+    fi
+    for program in $programs; do run_program "$1" "$3" "$program"; done
+}
+
+[ $# -gt 0 ] || set -- aarch64 armhf s390x
+for target; do
+    case $target in
+    aarch64) run_target aarch64 aarch64-linux-gnu-gcc qemu-aarch64 gcc-aarch64-linux-gnu ;;
+    armhf) run_target armhf arm-linux-gnueabihf-gcc qemu-arm gcc-arm-linux-gnueabihf ;;
+    s390x) run_target s390x s390x-linux-gnu-gcc qemu-s390x gcc-s390x-linux-gnu ;;
+    *) fail "$target" "no such target" ;;
+    esac
+done
+echo "$passed passed, $failed failed, $skipped skipped"
+[ "$failed" = 0 ]
