@@ -1,0 +1,342 @@
+/* Committing a filter: checks, choice of weights, plan. */
+#include "internal.h"
+
+#include <stdio.h>
+#include <string.h>
+
+/* Enough memory for lull_plan_init to say why there is no plan. */
+#define FAILED_PLAN ((size_t)64 << 10)
+
+static const char *const image_names[LULL_IMAGES] = {"color", "albedo", "normal", "output"};
+
+/* ---- Checks ------------------------------------------------------------------------------------- */
+
+static bool is_supported(OIDNFormat format)
+{
+    const unsigned channels = lull_format_channels(format);
+
+    return channels >= 1 && channels <= 3;
+}
+
+/* Formats and sizes of the images; *features says which inputs there are. */
+static bool check_images(OIDNFilter filter, unsigned *features, lull_fault *fault)
+{
+    const lull_image_param *images = filter->images, *output = &images[LULL_OUTPUT], *main_image = NULL;
+    unsigned i;
+
+    *features = 0;
+    for (i = LULL_NORMAL + 1; i-- > 0;)
+        if (images[i].set) {
+            *features |= 1u << i; /* LULL_HAS_* */
+            main_image = &images[i];
+        }
+    if (!*features)
+        return lull_fail(fault, OIDN_ERROR_INVALID_OPERATION, "no input image is set");
+    if (!output->set)
+        return lull_fail(fault, OIDN_ERROR_INVALID_OPERATION, "no output image is set");
+    for (i = 0; i < LULL_IMAGES; i++)
+        if (images[i].set && !is_supported(images[i].format))
+            return lull_fail(fault, OIDN_ERROR_INVALID_OPERATION, "unsupported format of the %s image",
+                             image_names[i]);
+    if (lull_format_channels(main_image->format) != lull_format_channels(output->format))
+        return lull_fail(fault, OIDN_ERROR_INVALID_OPERATION,
+                         "input and output image differ in their number of channels");
+    for (i = 0; i < LULL_OUTPUT; i++)
+        if (images[i].set && (images[i].width != output->width || images[i].height != output->height))
+            return lull_fail(fault, OIDN_ERROR_INVALID_OPERATION, "size of the %s image differs from "
+                             "that of the output image", image_names[i]);
+    return true;
+}
+
+/* Which parameters and images go together. */
+static bool check_combination(OIDNFilter filter, unsigned features, lull_fault *fault)
+{
+    const lull_value *values = filter->values;
+    const bool hdr = values[lull_value_hdr].i, srgb = values[lull_value_srgb].i;
+    const char *why = NULL;
+
+    if (filter->type == LULL_LIGHTMAP)
+        return true;
+    if (hdr && srgb)
+        why = "hdr and srgb exclude each other";
+    else if (features == LULL_HAS_ALBEDO && hdr)
+        why = "an albedo image alone cannot be hdr";
+    else if (features == LULL_HAS_NORMAL && (hdr || srgb))
+        why = "a normal image alone can be neither hdr nor srgb";
+    else if (features == (LULL_HAS_ALBEDO | LULL_HAS_NORMAL))
+        why = "albedo and normal images need a color image";
+    else if (features == (LULL_HAS_COLOR | LULL_HAS_NORMAL) && !filter->weights_bytes)
+        why = "a normal image needs an albedo image beside it";
+    if (why)
+        return lull_fail(fault, OIDN_ERROR_INVALID_OPERATION, "unsupported combination of inputs: %s", why);
+    return true;
+}
+
+static lull_content content_of(OIDNFilter filter)
+{
+    const lull_value *values = filter->values;
+
+    if (filter->type == LULL_LIGHTMAP)
+        return values[lull_value_directional].i ? LULL_LIGHTMAP_DIR : LULL_LIGHTMAP_HDR;
+    if (values[lull_value_hdr].i)
+        return LULL_HDR;
+    return values[lull_value_srgb].i ? LULL_SRGB : LULL_LDR;
+}
+
+/* ---- Overlap of output and inputs --------------------------------------------------------------- */
+
+/* Pixel i of both images lies at the same address, so a run that reads a pixel before it writes it needs
+ * no copy. */
+static bool same_place(const lull_image_param *a, const lull_image_param *b)
+{
+    return a->data == b->data && a->pixel_stride == b->pixel_stride && a->row_stride == b->row_stride;
+}
+
+/* Overlap is decided by addresses, so raw pointers, shared buffers and buffers within each other's memory
+ * are all seen. *staged: some input overlaps without lying in the same place. */
+static bool find_overlap(OIDNFilter filter, unsigned features, bool *staged)
+{
+    const lull_image_param *output = &filter->images[LULL_OUTPUT];
+    bool overlap = false;
+    unsigned i;
+
+    *staged = false;
+    for (i = 0; i < LULL_OUTPUT; i++) {
+        const lull_image_param *input = &filter->images[i];
+
+        if (!(features >> i & 1) || !lull_images_overlap(output, input))
+            continue;
+        overlap = true;
+        if (!same_place(output, input))
+            *staged = true;
+    }
+    return overlap;
+}
+
+/* ---- Plan --------------------------------------------------------------------------------------- */
+
+void lull_filter_free_plan(OIDNFilter filter)
+{
+    lull_os_free(filter->plan_memory);
+    lull_os_free(filter->stage);
+    filter->plan_memory = NULL;
+    filter->plan = NULL;
+    filter->stage = NULL;
+    filter->stage_bytes = 0;
+}
+
+/* Whether plans for the two frames are the same. */
+static bool same_frame(const lull_frame *a, const lull_frame *b)
+{
+    return a->width == b->width && a->height == b->height && a->content == b->content &&
+           a->features == b->features && a->threads == b->threads && a->in_place == b->in_place &&
+           a->max_bytes == b->max_bytes && a->row_step == b->row_step && a->strip_width == b->strip_width;
+}
+
+/* Turns maxMemoryMB into limits of the plan. The megabytes count weights, plan and staged output. 0
+ * cannot be met; it asks for the least memory at no more than about twice the work, which is strips as
+ * wide as their overlaps. */
+static bool set_limits(OIDNFilter filter, const lull_model *model, size_t fixed, lull_frame *frame,
+                       lull_fault *fault)
+{
+    const int megabytes = filter->values[lull_value_max_memory_mb].i;
+    lull_model_info info;
+    size_t floor;
+
+    if (megabytes < 0)
+        return true;
+    if (megabytes == 0) {
+        lull_model_get_info(model, &info);
+        frame->strip_width = 2 * info.overlap;
+        frame->row_step = 2;
+        return true;
+    }
+    floor = lull_plan_minimum(frame, model);
+    if ((uint64_t)fixed + floor > (uint64_t)megabytes << 20)
+        return lull_fail(fault, OIDN_ERROR_OUT_OF_MEMORY,
+                         "maxMemoryMB is %d, but this filter needs at least %llu bytes (%llu MB)",
+                         megabytes, (unsigned long long)(fixed + floor),
+                         (unsigned long long)(((uint64_t)fixed + floor + (1u << 20) - 1) >> 20));
+    if ((uint64_t)megabytes << 20 <= SIZE_MAX)
+        frame->max_bytes = ((size_t)megabytes << 20) - fixed;
+    return true;
+}
+
+static bool make_plan(OIDNFilter filter, const lull_frame *frame, const lull_model *model,
+                      size_t stage_bytes, lull_fault *fault)
+{
+    const size_t size = lull_plan_size(frame, model);
+    const size_t bytes = size ? size : FAILED_PLAN;
+    lull_status status;
+
+    lull_filter_free_plan(filter);
+    filter->plan_memory = lull_os_alloc(bytes);
+    if (!filter->plan_memory)
+        return lull_fail(fault, OIDN_ERROR_OUT_OF_MEMORY, "out of memory: plan of %llu bytes",
+                         (unsigned long long)bytes);
+    if (stage_bytes) {
+        filter->stage = lull_os_alloc(stage_bytes);
+        if (!filter->stage)
+            return lull_fail(fault, OIDN_ERROR_OUT_OF_MEMORY, "out of memory: output copy of %llu bytes",
+                             (unsigned long long)stage_bytes);
+    }
+    status = lull_plan_init(&filter->plan, filter->plan_memory, bytes, frame, model);
+    if (status != LULL_OK)
+        filter->plan = NULL;
+    if (!lull_fail_status(fault, status, "the weights cannot be used with these images"))
+        return false;
+    filter->frame = *frame;
+    filter->model = model;
+    filter->stage_bytes = stage_bytes;
+    return true;
+}
+
+/* ---- Commit ------------------------------------------------------------------------------------- */
+
+/* What `execute` will hand to the core. Images that the plan does not use stay empty. */
+static void publish_images(OIDNFilter filter)
+{
+    lull_image *views[LULL_IMAGES];
+    unsigned i;
+
+    memset(&filter->committed, 0, sizeof filter->committed);
+    views[LULL_COLOR] = &filter->committed.color;
+    views[LULL_ALBEDO] = &filter->committed.albedo;
+    views[LULL_NORMAL] = &filter->committed.normal;
+    views[LULL_OUTPUT] = &filter->committed.output;
+    for (i = 0; i < LULL_IMAGES; i++) {
+        const lull_image_param *image = &filter->images[i];
+        const bool used = i == LULL_OUTPUT || filter->frame.features >> i & 1;
+
+        lull_buffer_hold(used ? image->buffer : NULL);
+        lull_buffer_drop(filter->committed_buffers[i]);
+        filter->committed_buffers[i] = used ? image->buffer : NULL;
+        if (!used)
+            continue;
+        views[i]->data = image->data;
+        views[i]->type = image->format >= OIDN_FORMAT_HALF ? LULL_F16 : LULL_F32;
+        views[i]->channels = lull_format_channels(image->format);
+        views[i]->pixel_stride = image->pixel_stride;
+        views[i]->row_stride = image->row_stride;
+    }
+    filter->committed.input_scale = filter->values[lull_value_input_scale].f;
+}
+
+static void print_summary(OIDNFilter filter, size_t model_bytes)
+{
+    lull_model_info model;
+    lull_plan_info plan;
+    unsigned i;
+
+    lull_model_get_info(filter->model, &model);
+    lull_plan_get_info(filter->plan, &plan);
+    printf("%s filter\n  Inputs :", filter->type == LULL_RT ? "RT" : "RTLightmap");
+    for (i = 0; i < LULL_IMAGES; i++)
+        if (filter->images[i].set)
+            printf("%s %s:%c%u%s", i == LULL_OUTPUT ? "\n  Output :" : "", image_names[i],
+                   filter->images[i].format >= OIDN_FORMAT_HALF ? 'h' : 'f',
+                   lull_format_channels(filter->images[i].format),
+                   i == LULL_OUTPUT || filter->frame.features >> i & 1 ? "" : " (not used)");
+    printf("\n  Network: %s, %u inputs, %llu parameters, %s\n", model.network, model.inputs,
+           (unsigned long long)model.parameters, model.is_integer ? "int8" : "fp32");
+    printf("  Image  : %ux%u%s\n", filter->frame.width, filter->frame.height,
+           filter->stage ? ", in place with a copy" : filter->frame.in_place ? ", in place" : "");
+    printf("  Strips : %u of %u columns, steps of %u rows\n", plan.strips, plan.strip_width,
+           plan.row_step);
+    printf("  Memory : %llu bytes (weights %llu, plan %llu, copy %llu)\n",
+           (unsigned long long)(model_bytes + plan.bytes + filter->stage_bytes),
+           (unsigned long long)model_bytes, (unsigned long long)plan.bytes,
+           (unsigned long long)filter->stage_bytes);
+    fflush(stdout);
+}
+
+/* Weights to use: the caller's if there are any, else built-in ones. *bytes: their size unpacked. */
+static bool choose_model(OIDNFilter filter, lull_frame *frame, const lull_model **model, size_t *bytes,
+                         lull_fault *fault)
+{
+    const lull_value *values = filter->values;
+
+    if (filter->weights_dirty) {
+        lull_filter_free_plan(filter);
+        lull_weights_free(&filter->weights);
+        if (filter->weights_bytes &&
+            !lull_weights_load(&filter->weights, filter->weights_data, filter->weights_bytes,
+                               filter->device->ports, fault))
+            return false;
+        filter->weights_dirty = false;
+    }
+    if (filter->weights_bytes) {
+        *model = filter->weights.model;
+        *bytes = filter->weights.bytes;
+        return true;
+    }
+    return lull_builtin_select(filter->device, frame, values[lull_value_clean_aux].i != 0,
+                               (OIDNQuality)values[lull_value_quality].i, model, bytes, fault);
+}
+
+/* Everything but waiting. Sets *busy and does nothing more if the plan would have to change while
+ * queued work uses it. */
+static bool prepare(OIDNFilter filter, bool may_change, bool *busy, lull_fault *fault)
+{
+    const lull_image_param *output = &filter->images[LULL_OUTPUT];
+    const lull_model *model;
+    lull_model_info info;
+    lull_frame frame;
+    size_t model_bytes, stage_bytes = 0;
+    unsigned features;
+    bool staged;
+
+    *busy = false;
+    if (!check_images(filter, &features, fault) || !check_combination(filter, features, fault))
+        return false;
+    if (filter->weights_dirty && !may_change) {
+        *busy = true;
+        return true;
+    }
+    frame = lull_frame_default((unsigned)output->width, (unsigned)output->height, content_of(filter),
+                               features);
+    frame.threads = lull_pool_size(filter->device->pool);
+    if (!choose_model(filter, &frame, &model, &model_bytes, fault))
+        return false;
+    frame.in_place = find_overlap(filter, frame.features, &staged);
+    if (staged) {
+        frame.in_place = 0;
+        stage_bytes = output->width * output->height * lull_format_bytes(output->format);
+    }
+    if (!set_limits(filter, model, model_bytes + stage_bytes, &frame, fault))
+        return false;
+    if (!filter->plan || filter->model != model || filter->stage_bytes != stage_bytes ||
+        !same_frame(&filter->frame, &frame)) {
+        *busy = !may_change;
+        if (!may_change)
+            return true;
+        if (!make_plan(filter, &frame, model, stage_bytes, fault))
+            return false;
+    }
+    publish_images(filter);
+    lull_model_get_info(model, &info);
+    filter->values[lull_value_tile_alignment].i = (int)info.alignment;
+    filter->values[lull_value_tile_overlap].i = (int)info.overlap;
+    filter->dirty = false;
+    if (filter->device->values[lull_value_verbose].i >= 2)
+        print_summary(filter, model_bytes);
+    return true;
+}
+
+bool lull_filter_commit(OIDNFilter filter, lull_fault *fault)
+{
+    bool busy;
+
+    if (!filter->dirty)
+        return true;
+    for (;;) {
+        const bool idle = lull_queue_is_done(filter->device, filter->last_job);
+
+        if (!prepare(filter, idle, &busy, fault))
+            return false;
+        if (!busy)
+            return true;
+        if (!lull_queue_wait(filter->device, filter->last_job, fault))
+            return false;
+    }
+}

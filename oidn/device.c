@@ -1,0 +1,303 @@
+/* Devices: creation, parameters, commit, synchronisation, lifetime. */
+#include "internal.h"
+
+#include <ctype.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define STRINGIFY_(x) #x
+#define STRINGIFY(x) STRINGIFY_(x)
+
+/* ---- Environment -------------------------------------------------------------------------------- */
+
+/* Parameters that an environment variable overrides. */
+static const struct {
+    const char *variable;
+    enum lull_slot slot;
+} overrides[] = {
+    {"OIDN_VERBOSE", lull_value_verbose},
+    {"OIDN_NUM_THREADS", lull_value_num_threads},
+    {"OIDN_SET_AFFINITY", lull_value_set_affinity},
+};
+#define OVERRIDES (sizeof overrides / sizeof *overrides)
+
+static void apply_environment(OIDNDevice device)
+{
+    size_t i;
+
+    for (i = 0; i < OVERRIDES; i++) {
+        const enum lull_slot slot = overrides[i].slot;
+
+        device->values[slot].i = lull_env_int(overrides[i].variable, device->values[slot].i);
+    }
+    if (lull_env_is_set("OIDN_SET_AFFINITY"))
+        device->affinity_asked = true;
+}
+
+/* The variable that fixes this parameter, or NULL. */
+static const char *overriding_variable(const char *name)
+{
+    const lull_param *param = lull_param_find(LULL_DEVICE, name);
+    size_t i;
+
+    for (i = 0; param && i < OVERRIDES; i++)
+        if (overrides[i].slot == param->slot && lull_env_is_set(overrides[i].variable))
+            return overrides[i].variable;
+    return NULL;
+}
+
+/* ---- Creation ----------------------------------------------------------------------------------- */
+
+static OIDNDevice new_cpu_device(void)
+{
+    OIDNDevice device = lull_os_alloc_zero(sizeof *device);
+
+    if (!device) {
+        lull_global_error(OIDN_ERROR_OUT_OF_MEMORY, "out of memory");
+        return NULL;
+    }
+    device->refs = 1;
+    lull_mutex_init(&device->lock);
+    lull_errors_init(&device->errors);
+    lull_params_reset(device->values);
+    apply_environment(device);
+    return device;
+}
+
+OIDN_API OIDNDevice oidnNewDeviceByID(int physicalDeviceID)
+{
+    if (physicalDeviceID >= 0 && physicalDeviceID < oidnGetNumPhysicalDevices())
+        return new_cpu_device();
+    lull_global_error(OIDN_ERROR_INVALID_ARGUMENT, "invalid physical device ID: %d", physicalDeviceID);
+    return NULL;
+}
+
+OIDN_API OIDNDevice oidnNewDevice(OIDNDeviceType type)
+{
+    static const char *const names[] = {"default", "CPU", "SYCL", "CUDA", "HIP", "Metal"};
+
+    if ((int)type < 0 || (size_t)type >= sizeof names / sizeof *names)
+        lull_global_error(OIDN_ERROR_UNKNOWN, "unknown device type: %d", (int)type);
+    else if (type > OIDN_DEVICE_TYPE_CPU || oidnGetNumPhysicalDevices() == 0)
+        lull_global_error(OIDN_ERROR_UNSUPPORTED_HARDWARE, "unsupported device type: %s", names[type]);
+    else
+        return new_cpu_device();
+    return NULL;
+}
+
+void lull_device_hold(OIDNDevice device) { lull_atomic_add(&device->refs, 1); }
+
+void lull_device_drop(OIDNDevice device)
+{
+    if (lull_atomic_add(&device->refs, (uint32_t)-1) == 1)
+        lull_device_destroy(device);
+}
+
+void lull_device_destroy(OIDNDevice device)
+{
+    unsigned i;
+
+    if (device->committed) {
+        if (lull_queue_is_self(&device->queue) && !device->queue.abandoned) {
+            device->queue.abandoned = true; /* destroyed when the job is over */
+            return;
+        }
+        lull_queue_stop(device);
+        lull_pool_free(device->pool);
+    }
+    for (i = 0; i < LULL_MAX_BUILTIN; i++)
+        lull_weights_free(&device->builtin[i]);
+    lull_errors_free(&device->errors);
+    lull_mutex_destroy(&device->lock);
+    lull_os_free(device);
+}
+
+OIDN_API void oidnRetainDevice(OIDNDevice device)
+{
+    if (device)
+        lull_device_hold(device);
+    else
+        lull_global_error(OIDN_ERROR_INVALID_ARGUMENT, "handle is null");
+}
+
+OIDN_API void oidnReleaseDevice(OIDNDevice device)
+{
+    if (device)
+        lull_device_drop(device);
+    else
+        lull_global_error(OIDN_ERROR_INVALID_ARGUMENT, "handle is null");
+}
+
+/* ---- Parameters --------------------------------------------------------------------------------- */
+
+static void set_parameter(OIDNDevice device, const char *name, int value, lull_fault *fault)
+{
+    const int verbose = device->values[lull_value_verbose].i;
+    const char *variable;
+
+    if (!name) {
+        lull_fail(fault, OIDN_ERROR_INVALID_ARGUMENT, "string is null");
+        return;
+    }
+    variable = overriding_variable(name);
+    if (variable) {
+        lull_warn(verbose, "device parameter '%s' is overridden by the environment variable %s", name,
+                  variable);
+    } else {
+        lull_param_set_int(device->values, LULL_DEVICE, name, value, verbose, fault);
+        if (!strcmp(name, "setAffinity"))
+            device->affinity_asked = true;
+    }
+    device->dirty = true;
+}
+
+OIDN_API void oidnSetDeviceInt(OIDNDevice device, const char *name, int value)
+{
+    lull_call call;
+
+    if (lull_call_begin(&call, device))
+        set_parameter(device, name, value, &call.fault);
+    lull_call_end(&call);
+}
+
+OIDN_API void oidnSetDeviceBool(OIDNDevice device, const char *name, bool value)
+{
+    oidnSetDeviceInt(device, name, value);
+}
+
+OIDN_API int oidnGetDeviceInt(OIDNDevice device, const char *name)
+{
+    lull_value value = {0};
+    lull_call call;
+
+    if (lull_call_begin(&call, device)) {
+        if (name)
+            lull_param_get(device->values, LULL_DEVICE, name, false, &value, &call.fault);
+        else
+            lull_fail(&call.fault, OIDN_ERROR_INVALID_ARGUMENT, "string is null");
+    }
+    lull_call_end(&call);
+    return value.i;
+}
+
+OIDN_API bool oidnGetDeviceBool(OIDNDevice device, const char *name)
+{
+    return oidnGetDeviceInt(device, name) != 0;
+}
+
+/* ---- Commit ------------------------------------------------------------------------------------- */
+
+/* Ports that LULL_PORTS allows: it names the strongest. */
+static uint32_t allowed_ports(int verbose)
+{
+    const char *name = getenv("LULL_PORTS");
+    uint32_t ports;
+
+    if (!name || !*name)
+        return LULL_PORTS_ALL;
+    ports = lull_ports_up_to(name, strlen(name));
+    if (ports)
+        return ports;
+    lull_warn(verbose, "LULL_PORTS: no port is called '%s'", name);
+    return LULL_PORTS_ALL;
+}
+
+/* Name of the strongest port that will be used. */
+static const char *strongest_port(uint32_t ports)
+{
+    const char *name = lull_port_name(0);
+    unsigned i;
+
+    ports &= lull_ports_available();
+    for (i = 0; lull_port_name(i); i++)
+        if (ports >> i & 1)
+            name = lull_port_name(i);
+    return name;
+}
+
+static void print_banner(OIDNDevice device)
+{
+    char brand[64];
+
+    lull_cpu_brand(brand, sizeof brand);
+    printf("lull %d.%d.%d, interface of Open Image Denoise " OIDN_VERSION_STRING "\n",
+           LULL_VERSION_MAJOR, LULL_VERSION_MINOR, LULL_VERSION_PATCH);
+#if defined(__VERSION__)
+    printf("  Compiler: " __VERSION__ "\n");
+#endif
+    printf("  Device  : %s\n", brand);
+    printf("    Type  : CPU\n");
+    printf("    ISA   : %s\n", strongest_port(device->ports));
+    printf("  Threads : %d (%s)\n", device->values[lull_value_num_threads].i,
+           device->values[lull_value_set_affinity].i ? "pinned" : "not pinned");
+    fflush(stdout);
+}
+
+/* Threads are pinned only if that was asked for: two devices pinned to the same cores would share them
+ * while others idle. */
+static bool commit(OIDNDevice device, lull_fault *fault)
+{
+    lull_value *values = device->values;
+    unsigned threads;
+    lull_cpus *cpus;
+    bool pin;
+
+    if (device->committed)
+        return lull_fail(fault, OIDN_ERROR_INVALID_OPERATION, "device can be committed only once");
+    cpus = lull_os_alloc(sizeof *cpus);
+    if (!cpus)
+        return lull_fail(fault, OIDN_ERROR_OUT_OF_MEMORY, "out of memory");
+    lull_cpus_detect(cpus);
+    threads = cpus->count;
+    if (values[lull_value_num_threads].i > 0)
+        threads = (unsigned)values[lull_value_num_threads].i;
+    threads = threads > cpus->available ? cpus->available : threads;
+    if (!LULL_WITH_THREADS)
+        threads = 1;
+    pin = device->affinity_asked && values[lull_value_set_affinity].i && threads <= cpus->listed;
+    device->pool = lull_pool_new(threads, pin, cpus);
+    lull_os_free(cpus);
+    if (!device->pool)
+        return lull_fail(fault, OIDN_ERROR_OUT_OF_MEMORY, "out of memory");
+    if (!lull_queue_start(device)) {
+        lull_pool_free(device->pool);
+        return lull_fail(fault, OIDN_ERROR_OUT_OF_MEMORY, "cannot start a thread");
+    }
+    values[lull_value_num_threads].i = (int)lull_pool_size(device->pool);
+    values[lull_value_set_affinity].i = pin;
+    device->ports = allowed_ports(values[lull_value_verbose].i);
+    device->committed = true;
+    device->dirty = false;
+    if (values[lull_value_verbose].i >= 1)
+        print_banner(device);
+    return true;
+}
+
+OIDN_API void oidnCommitDevice(OIDNDevice device)
+{
+    lull_call call;
+
+    if (lull_call_begin(&call, device))
+        commit(device, &call.fault);
+    lull_call_end(&call);
+}
+
+bool lull_device_ready(OIDNDevice device, lull_fault *fault)
+{
+    if (!device->committed)
+        return lull_fail(fault, OIDN_ERROR_INVALID_OPERATION, "the device is not committed");
+    if (device->dirty)
+        return lull_fail(fault, OIDN_ERROR_INVALID_OPERATION,
+                         "device parameters were changed after the commit");
+    return true;
+}
+
+OIDN_API void oidnSyncDevice(OIDNDevice device)
+{
+    lull_call call;
+
+    if (lull_call_begin(&call, device) && lull_device_ready(device, &call.fault))
+        lull_queue_sync(device, &call.fault);
+    lull_call_end(&call);
+}

@@ -1,0 +1,106 @@
+/* Running a committed filter: what is queued, and what the queue's thread then does. */
+#include "internal.h"
+
+#include <string.h>
+
+/* What lull_run gets as `user`. */
+typedef struct run_state {
+    const lull_job *job;
+    lull_pool *pool;
+    double told; /* fraction that the progress function was last told */
+} run_state;
+
+static void parallel_for(void *user, unsigned count,
+                         void (*body)(void *context, unsigned index, unsigned worker), void *context)
+{
+    lull_pool_for(((run_state *)user)->pool, count, body, context);
+}
+
+/* Passes on what comes between 0 and 1; these two are told by run_filter. */
+static int progress(void *user, double fraction)
+{
+    run_state *state = user;
+
+    if (!(fraction > state->told) || !(fraction < 1))
+        return 1;
+    state->told = fraction;
+    return state->job->progress(state->job->progress_user, fraction);
+}
+
+/* The staged output to where it belongs. */
+static void copy_stage(const lull_image *to, const void *stage, unsigned width, unsigned height)
+{
+    const size_t pixel = (to->type == LULL_F16 ? 2 : 4) * (size_t)to->channels;
+    const char *source = stage;
+    unsigned x, y;
+
+    for (y = 0; y < height; y++) {
+        char *row = (char *)to->data + y * to->row_stride;
+
+        if (to->pixel_stride == pixel) {
+            memcpy(row, source, width * pixel);
+            source += width * pixel;
+            continue;
+        }
+        for (x = 0; x < width; x++, source += pixel)
+            memcpy(row + x * to->pixel_stride, source, pixel);
+    }
+}
+
+static void run_filter(const lull_job *job, lull_fault *fault)
+{
+    OIDNFilter filter = job->filter;
+    run_state state = {job, filter->device->pool, 0};
+    lull_host host = {&state, parallel_for, job->progress ? progress : NULL};
+    lull_images images = job->images;
+    lull_status status;
+
+    if (job->progress && !job->progress(job->progress_user, 0)) {
+        lull_fail_status(fault, LULL_CANCELLED, "filter");
+        return;
+    }
+    if (filter->stage) {
+        images.output.data = filter->stage;
+        images.output.pixel_stride = images.output.row_stride = 0;
+    }
+    lull_pool_enter(state.pool);
+    status = lull_run(filter->plan, &images, &host);
+    lull_pool_leave(state.pool);
+    if (status == LULL_OK && filter->stage)
+        copy_stage(&job->images.output, filter->stage, filter->frame.width, filter->frame.height);
+    if (status == LULL_OK && job->progress)
+        job->progress(job->progress_user, 1);
+    lull_fail_status(fault, status, "filter");
+}
+
+static void run_nothing(const lull_job *job, lull_fault *fault)
+{
+    (void)job;
+    (void)fault;
+}
+
+bool lull_filter_make_job(OIDNFilter filter, lull_job *job, lull_fault *fault)
+{
+    const uint64_t number = filter->device->queue.tail + 1;
+    unsigned i;
+
+    if (filter->dirty)
+        return lull_fail(fault, OIDN_ERROR_INVALID_OPERATION,
+                         "changes to the filter are not committed");
+    memset(job, 0, sizeof *job);
+    job->run = filter->frame.width && filter->frame.height ? run_filter : run_nothing;
+    job->filter = filter;
+    lull_atomic_add(&filter->refs, 1);
+    job->images = filter->committed;
+    job->progress = filter->progress;
+    job->progress_user = filter->progress_user;
+    for (i = 0; i < LULL_IMAGES; i++) {
+        OIDNBuffer buffer = filter->committed_buffers[i];
+
+        job->buffers[i] = buffer;
+        lull_buffer_hold(buffer);
+        if (buffer)
+            buffer->last_job = number;
+    }
+    return true;
+}

@@ -1,0 +1,247 @@
+/* Operating system layer: memory, locks, threads, clock. See os.h. */
+#if !defined(_GNU_SOURCE)
+#define _GNU_SOURCE /* pthread_setaffinity_np */
+#endif
+#include "os.h"
+
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+#if !defined(_WIN32)
+#include <sched.h>
+#include <signal.h>
+#include <unistd.h>
+#endif
+
+/* ---- Memory ------------------------------------------------------------------------------------- */
+
+/* The address that malloc returned lies just before each block. */
+void *lull_os_alloc(size_t size)
+{
+    const size_t extra = LULL_OS_ALIGN + sizeof(void *);
+    char *raw, *block;
+
+    if (size > SIZE_MAX / 2 - extra)
+        return NULL;
+    raw = malloc(size + extra);
+    if (!raw)
+        return NULL;
+    block = raw + sizeof(void *);
+    block += (LULL_OS_ALIGN - (uintptr_t)block % LULL_OS_ALIGN) % LULL_OS_ALIGN;
+    memcpy(block - sizeof(void *), &raw, sizeof(void *));
+    return block;
+}
+
+void *lull_os_alloc_zero(size_t size)
+{
+    void *block = lull_os_alloc(size);
+
+    if (block)
+        memset(block, 0, size);
+    return block;
+}
+
+void lull_os_free(void *block)
+{
+    void *raw;
+
+    if (!block)
+        return;
+    memcpy(&raw, (char *)block - sizeof(void *), sizeof(void *));
+    free(raw);
+}
+
+/* ---- Threads: none ------------------------------------------------------------------------------ */
+
+#if !LULL_WITH_THREADS
+
+void lull_mutex_init(lull_mutex *m) { *m = 0; }
+void lull_mutex_destroy(lull_mutex *m) { (void)m; }
+void lull_mutex_lock(lull_mutex *m) { (void)m; }
+void lull_mutex_unlock(lull_mutex *m) { (void)m; }
+void lull_cond_init(lull_cond *c) { *c = 0; }
+void lull_cond_destroy(lull_cond *c) { (void)c; }
+void lull_cond_wait(lull_cond *c, lull_mutex *m) { (void)c; (void)m; }
+void lull_cond_signal(lull_cond *c) { (void)c; }
+void lull_cond_broadcast(lull_cond *c) { (void)c; }
+
+int lull_thread_start(lull_thread *t, size_t stack, void (*run)(void *arg), void *arg)
+{
+    (void)t; (void)stack; (void)run; (void)arg;
+    return 0;
+}
+void lull_thread_join(lull_thread *t) { (void)t; }
+void lull_thread_detach(lull_thread *t) { (void)t; }
+int lull_thread_is_self(const lull_thread *t) { (void)t; return 0; }
+int lull_thread_pin(int cpu) { (void)cpu; return 0; }
+size_t lull_thread_number(void) { return 1; }
+
+#else
+
+#if defined(_MSC_VER)
+static __declspec(thread) size_t thread_number;
+#else
+static __thread size_t thread_number;
+#endif
+
+size_t lull_thread_number(void)
+{
+    static lull_atomic last;
+
+    if (!thread_number)
+        thread_number = (size_t)lull_atomic_add(&last, 1) + 1;
+    return thread_number;
+}
+
+typedef struct thread_start {
+    void (*run)(void *arg);
+    void *arg;
+} thread_start;
+
+/* Windows */
+#if defined(_WIN32)
+
+void lull_mutex_init(lull_mutex *m) { InitializeSRWLock(m); }
+void lull_mutex_destroy(lull_mutex *m) { (void)m; }
+void lull_mutex_lock(lull_mutex *m) { AcquireSRWLockExclusive(m); }
+void lull_mutex_unlock(lull_mutex *m) { ReleaseSRWLockExclusive(m); }
+void lull_cond_init(lull_cond *c) { InitializeConditionVariable(c); }
+void lull_cond_destroy(lull_cond *c) { (void)c; }
+void lull_cond_wait(lull_cond *c, lull_mutex *m) { SleepConditionVariableSRW(c, m, INFINITE, 0); }
+void lull_cond_signal(lull_cond *c) { WakeConditionVariable(c); }
+void lull_cond_broadcast(lull_cond *c) { WakeAllConditionVariable(c); }
+
+static DWORD WINAPI thread_main(void *p)
+{
+    thread_start start = *(thread_start *)p;
+
+    lull_os_free(p);
+    start.run(start.arg);
+    return 0;
+}
+
+int lull_thread_start(lull_thread *t, size_t stack, void (*run)(void *arg), void *arg)
+{
+    thread_start *start = lull_os_alloc(sizeof *start);
+
+    if (!start)
+        return 0;
+    start->run = run;
+    start->arg = arg;
+    t->handle = CreateThread(NULL, stack, thread_main, start, 0, &t->id);
+    if (!t->handle)
+        lull_os_free(start);
+    return t->handle != NULL;
+}
+
+void lull_thread_join(lull_thread *t)
+{
+    WaitForSingleObject(t->handle, INFINITE);
+    CloseHandle(t->handle);
+}
+
+void lull_thread_detach(lull_thread *t) { CloseHandle(t->handle); }
+int lull_thread_is_self(const lull_thread *t) { return t->id == GetCurrentThreadId(); }
+
+int lull_thread_pin(int cpu)
+{
+    return cpu < (int)(8 * sizeof(DWORD_PTR)) &&
+           SetThreadAffinityMask(GetCurrentThread(), (DWORD_PTR)1 << cpu) != 0;
+}
+
+/* POSIX */
+#else
+
+void lull_mutex_init(lull_mutex *m) { pthread_mutex_init(m, NULL); }
+void lull_mutex_destroy(lull_mutex *m) { pthread_mutex_destroy(m); }
+void lull_mutex_lock(lull_mutex *m) { pthread_mutex_lock(m); }
+void lull_mutex_unlock(lull_mutex *m) { pthread_mutex_unlock(m); }
+void lull_cond_init(lull_cond *c) { pthread_cond_init(c, NULL); }
+void lull_cond_destroy(lull_cond *c) { pthread_cond_destroy(c); }
+void lull_cond_wait(lull_cond *c, lull_mutex *m) { pthread_cond_wait(c, m); }
+void lull_cond_signal(lull_cond *c) { pthread_cond_signal(c); }
+void lull_cond_broadcast(lull_cond *c) { pthread_cond_broadcast(c); }
+
+static void *thread_main(void *p)
+{
+    thread_start start = *(thread_start *)p;
+
+    lull_os_free(p);
+    start.run(start.arg);
+    return NULL;
+}
+
+int lull_thread_start(lull_thread *t, size_t stack, void (*run)(void *arg), void *arg)
+{
+    thread_start *start = lull_os_alloc(sizeof *start);
+    pthread_attr_t attr;
+    sigset_t all, old;
+    int failed;
+
+    if (!start)
+        return 0;
+    start->run = run;
+    start->arg = arg;
+    pthread_attr_init(&attr);
+    if (stack)
+        pthread_attr_setstacksize(&attr, stack);
+    sigfillset(&all); /* signals are for the host's own threads */
+    pthread_sigmask(SIG_BLOCK, &all, &old);
+    failed = pthread_create(t, &attr, thread_main, start);
+    pthread_sigmask(SIG_SETMASK, &old, NULL);
+    pthread_attr_destroy(&attr);
+    if (failed)
+        lull_os_free(start);
+    return !failed;
+}
+
+void lull_thread_join(lull_thread *t) { pthread_join(*t, NULL); }
+void lull_thread_detach(lull_thread *t) { pthread_detach(*t); }
+int lull_thread_is_self(const lull_thread *t) { return pthread_equal(*t, pthread_self()); }
+
+int lull_thread_pin(int cpu)
+{
+#if defined(__linux__) && defined(CPU_SET)
+    cpu_set_t set;
+
+    CPU_ZERO(&set);
+    CPU_SET(cpu, &set);
+    return sched_setaffinity(0, sizeof set, &set) == 0;
+#else
+    (void)cpu;
+    return 0;
+#endif
+}
+
+#endif /* POSIX */
+#endif /* LULL_WITH_THREADS */
+
+/* ---- Clock and process -------------------------------------------------------------------------- */
+
+#if defined(_WIN32)
+
+uint64_t lull_clock_ns(void)
+{
+    LARGE_INTEGER now, rate;
+
+    QueryPerformanceCounter(&now);
+    QueryPerformanceFrequency(&rate);
+    return (uint64_t)((double)now.QuadPart * 1e9 / (double)rate.QuadPart);
+}
+
+long lull_process_id(void) { return 0; } /* no fork */
+
+#else
+
+uint64_t lull_clock_ns(void)
+{
+    struct timespec t;
+
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (uint64_t)t.tv_sec * 1000000000u + (uint64_t)t.tv_nsec;
+}
+
+long lull_process_id(void) { return (long)getpid(); }
+
+#endif

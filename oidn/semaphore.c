@@ -1,0 +1,70 @@
+/* Semaphores of graphics interfaces: the processor can import none, so no handle ever exists. */
+#include "internal.h"
+
+static OIDNSemaphore refuse(OIDNDevice device)
+{
+    lull_call call;
+
+    if (lull_call_begin(&call, device) && lull_device_ready(device, &call.fault))
+        lull_fail(&call.fault, OIDN_ERROR_INVALID_ARGUMENT,
+                  "the device supports no external semaphore of this type");
+    lull_call_end(&call);
+    return NULL;
+}
+
+OIDN_API OIDNSemaphore oidnNewSharedSemaphoreFromFD(OIDNDevice device,
+                                                    OIDNExternalSemaphoreTypeFlags fdType, int fd)
+{
+    (void)fdType;
+    (void)fd;
+    return refuse(device);
+}
+
+OIDN_API OIDNSemaphore oidnNewSharedSemaphoreFromWin32Handle(OIDNDevice device,
+                                                             OIDNExternalSemaphoreTypeFlags handleType,
+                                                             void *handle, const void *name)
+{
+    (void)handleType;
+    (void)handle;
+    (void)name;
+    return refuse(device);
+}
+
+/* Signalling or waiting: fine for no semaphores, impossible for any. */
+static void use(OIDNDevice device, const OIDNSemaphore *semaphores, int count)
+{
+    lull_call call;
+
+    if (lull_call_begin(&call, device) && lull_device_ready(device, &call.fault)) {
+        if (count < 0 || (count > 0 && (!semaphores || !semaphores[0])))
+            lull_fail(&call.fault, OIDN_ERROR_INVALID_ARGUMENT, "semaphores are null");
+        else if (count > 0)
+            lull_fail(&call.fault, OIDN_ERROR_INVALID_OPERATION, "the device supports no semaphores");
+    }
+    lull_call_end(&call);
+}
+
+OIDN_API void oidnSignalSemaphoresAsync(OIDNDevice device, const OIDNSemaphore *semaphores,
+                                        const uint64_t *values, int numSemaphores)
+{
+    (void)values;
+    use(device, semaphores, numSemaphores);
+}
+
+OIDN_API void oidnWaitSemaphoresAsync(OIDNDevice device, const OIDNSemaphore *semaphores,
+                                      const uint64_t *values, const uint32_t *timeoutsMs,
+                                      int numSemaphores)
+{
+    (void)values;
+    (void)timeoutsMs;
+    use(device, semaphores, numSemaphores);
+}
+
+static void count_reference(OIDNSemaphore semaphore)
+{
+    if (!semaphore)
+        lull_global_error(OIDN_ERROR_INVALID_ARGUMENT, "handle is null");
+}
+
+OIDN_API void oidnRetainSemaphore(OIDNSemaphore semaphore) { count_reference(semaphore); }
+OIDN_API void oidnReleaseSemaphore(OIDNSemaphore semaphore) { count_reference(semaphore); }

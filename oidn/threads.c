@@ -1,0 +1,239 @@
+/* The team of threads. See threads.h.
+ *
+ * A loop is published as one atomic word, count << 16 | next. Taking an index is one fetch-and-add on it:
+ * the word that comes back says whether the index is one of a running loop, and as long as that index
+ * is not finished the owner cannot go on, so body and context are stable. */
+#include "threads.h"
+
+#define SPIN_NS 50000u     /* how long to look for work before sleeping; about one wake-up */
+#define LOOP_MAX 0x7fffu   /* indices published at once; longer loops run in pieces */
+#define WORKER_STACK ((size_t)256 << 10)
+
+typedef struct worker {
+    struct lull_pool *pool;
+    unsigned index;
+    int cpu; /* to pin to, or -1 */
+    lull_thread thread;
+} worker;
+
+struct lull_pool {
+    lull_atomic claim;    /* count << 16 | next */
+    lull_atomic done;     /* finished indices of the loop */
+    lull_atomic active;   /* between enter and leave */
+    lull_atomic sleepers; /* threads waiting for `work` */
+    lull_atomic waiting;  /* the owner waits for `finished` */
+    lull_atomic stop;
+
+    void (*body)(void *context, unsigned index, unsigned worker);
+    void *context;
+    unsigned base; /* added to indices: start of the piece */
+
+    lull_mutex mutex;
+    lull_cond work, finished;
+    unsigned spin_ns;
+    int owner_cpu; /* to pin the owner to, or -1 */
+    unsigned wanted, started; /* threads besides the owner */
+    worker *workers;
+};
+
+static int has_work(const lull_pool *pool)
+{
+    const uint32_t c = lull_atomic_load(&pool->claim);
+
+    return (c & 0xffffu) < c >> 16;
+}
+
+/* Takes indices until there are none. */
+static void run_indices(lull_pool *pool, unsigned worker_index)
+{
+    while (has_work(pool)) {
+        const uint32_t c = lull_atomic_add(&pool->claim, 1);
+        const uint32_t index = c & 0xffffu, count = c >> 16;
+
+        if (index >= count)
+            return;
+        pool->body(pool->context, pool->base + index, worker_index);
+        if (lull_atomic_add(&pool->done, 1) + 1 == count && lull_atomic_load(&pool->waiting)) {
+            lull_mutex_lock(&pool->mutex);
+            lull_cond_signal(&pool->finished);
+            lull_mutex_unlock(&pool->mutex);
+        }
+    }
+}
+
+/* Waits for work a little while. */
+static void spin_for_work(const lull_pool *pool)
+{
+    const uint64_t end = lull_clock_ns() + pool->spin_ns;
+    int i;
+
+    while (lull_atomic_load(&pool->active) && lull_clock_ns() < end)
+        for (i = 0; i < 32; i++) {
+            if (has_work(pool))
+                return;
+            lull_cpu_relax();
+        }
+}
+
+static void worker_main(void *arg)
+{
+    worker *w = arg;
+    lull_pool *pool = w->pool;
+
+    if (w->cpu >= 0)
+        lull_thread_pin(w->cpu);
+    while (!lull_atomic_load(&pool->stop)) {
+        run_indices(pool, w->index);
+        if (pool->spin_ns)
+            spin_for_work(pool);
+        if (has_work(pool))
+            continue;
+        lull_mutex_lock(&pool->mutex);
+        lull_atomic_add(&pool->sleepers, 1);
+        while (!has_work(pool) && !lull_atomic_load(&pool->stop))
+            lull_cond_wait(&pool->work, &pool->mutex);
+        lull_atomic_add(&pool->sleepers, (uint32_t)-1);
+        lull_mutex_unlock(&pool->mutex);
+    }
+}
+
+static void start_workers(lull_pool *pool)
+{
+    lull_mutex_init(&pool->mutex);
+    lull_cond_init(&pool->work);
+    lull_cond_init(&pool->finished);
+    for (pool->started = 0; pool->started < pool->wanted; pool->started++) {
+        worker *w = &pool->workers[pool->started];
+
+        if (!lull_thread_start(&w->thread, WORKER_STACK, worker_main, w))
+            break;
+    }
+}
+
+lull_pool *lull_pool_new(unsigned threads, int pin, const lull_cpus *cpus)
+{
+    lull_pool *pool = lull_os_alloc_zero(sizeof *pool);
+    unsigned i;
+
+    if (!pool)
+        return NULL;
+    pool->owner_cpu = pin ? cpus->cpu[0] : -1;
+    pool->spin_ns = threads <= cpus->available ? SPIN_NS : 0;
+    pool->wanted = threads - 1;
+    if (pool->wanted) {
+        pool->workers = lull_os_alloc_zero(pool->wanted * sizeof *pool->workers);
+        if (!pool->workers) {
+            lull_os_free(pool);
+            return NULL;
+        }
+    }
+    for (i = 0; i < pool->wanted; i++) {
+        pool->workers[i].pool = pool;
+        pool->workers[i].index = i + 1;
+        pool->workers[i].cpu = pin ? cpus->cpu[i + 1] : -1;
+    }
+    start_workers(pool);
+    return pool;
+}
+
+void lull_pool_free(lull_pool *pool)
+{
+    unsigned i;
+
+    if (!pool)
+        return;
+    lull_mutex_lock(&pool->mutex);
+    lull_atomic_store(&pool->stop, 1);
+    lull_cond_broadcast(&pool->work);
+    lull_mutex_unlock(&pool->mutex);
+    for (i = 0; i < pool->started; i++)
+        lull_thread_join(&pool->workers[i].thread);
+    lull_cond_destroy(&pool->finished);
+    lull_cond_destroy(&pool->work);
+    lull_mutex_destroy(&pool->mutex);
+    lull_os_free(pool->workers);
+    lull_os_free(pool);
+}
+
+unsigned lull_pool_size(const lull_pool *pool) { return pool->started + 1; }
+
+void lull_pool_enter(lull_pool *pool)
+{
+    if (pool->owner_cpu >= 0) {
+        lull_thread_pin(pool->owner_cpu);
+        pool->owner_cpu = -1;
+    }
+    lull_atomic_store(&pool->active, 1);
+}
+
+void lull_pool_leave(lull_pool *pool) { lull_atomic_store(&pool->active, 0); }
+
+/* Wakes as many sleepers as there are indices for them. */
+static void wake(lull_pool *pool, unsigned count)
+{
+    const unsigned sleepers = lull_atomic_load(&pool->sleepers);
+    unsigned i;
+
+    if (!sleepers)
+        return;
+    lull_mutex_lock(&pool->mutex);
+    if (count - 1 >= sleepers)
+        lull_cond_broadcast(&pool->work);
+    else
+        for (i = 1; i < count; i++)
+            lull_cond_signal(&pool->work);
+    lull_mutex_unlock(&pool->mutex);
+}
+
+/* Waits until the taken indices are finished: awake first, then asleep. */
+static void wait_finished(lull_pool *pool, unsigned count)
+{
+    const uint64_t end = lull_clock_ns() + pool->spin_ns;
+
+    do {
+        if (lull_atomic_load(&pool->done) == count)
+            return;
+        lull_cpu_relax();
+    } while (lull_clock_ns() < end);
+
+    lull_mutex_lock(&pool->mutex);
+    lull_atomic_store(&pool->waiting, 1);
+    while (lull_atomic_load(&pool->done) != count)
+        lull_cond_wait(&pool->finished, &pool->mutex);
+    lull_atomic_store(&pool->waiting, 0);
+    lull_mutex_unlock(&pool->mutex);
+}
+
+void lull_pool_for(void *opaque, unsigned count, void (*body)(void *context, unsigned index, unsigned worker),
+                   void *context)
+{
+    lull_pool *pool = opaque;
+    unsigned i;
+
+    if (!pool->started || count == 1) {
+        for (i = 0; i < count; i++)
+            body(context, i, 0);
+        return;
+    }
+    for (pool->base = 0; count; pool->base += i, count -= i) {
+        i = count < LOOP_MAX ? count : LOOP_MAX;
+        pool->body = body;
+        pool->context = context;
+        lull_atomic_store(&pool->done, 0);
+        lull_atomic_store(&pool->claim, i << 16);
+        wake(pool, i);
+        run_indices(pool, 0);
+        wait_finished(pool, i);
+    }
+}
+
+void lull_pool_restart(lull_pool *pool, int start)
+{
+    if (!start)
+        pool->wanted = 0;
+    lull_atomic_store(&pool->claim, 0);
+    lull_atomic_store(&pool->sleepers, 0);
+    lull_atomic_store(&pool->waiting, 0);
+    lull_atomic_store(&pool->active, 0);
+    start_workers(pool);
+}
