@@ -13,7 +13,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 BUILD = Path(os.environ.get("LULL_BUILD", ROOT / "build"))
-MSEC = re.compile(r"msec=([\d.]+)(?:, hash=(\w+))?")
+MSEC = re.compile(r"msec=([\d.]+), hash=")  # of a repetition; loading and set-up print no hash
 
 
 class PeerError(RuntimeError):
@@ -70,13 +70,7 @@ def run(program: Path, *arguments: str | Path, env: dict[str, str] | None = None
         last = (output.strip().splitlines() or ["no output"])[-1]
         raise PeerError(f"{program.parent.parent.name}/{program.name} "
                         f"ended with status {process.returncode}: {last}")
-    times = [float(m[0]) for m in MSEC.findall(denoising(output))]
-    return Run(times, peak, output)
-
-
-def denoising(output: str) -> str:
-    """The part of the output after the line "Denoising": earlier msec= belong to loading."""
-    return output.rpartition("Denoising")[2]
+    return Run([float(m) for m in MSEC.findall(output)], peak, output)
 
 
 def cpu_line() -> str:

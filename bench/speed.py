@@ -2,9 +2,10 @@
 
     python -m bench.speed [--size 1920x1080] [--threads 2] [--rounds 5] [--ports avx2,...]
 
-The same base U-Net (hdr, albedo, normal) for both, as fp32 and, where export/ can quantise, as int8;
-then the built-in models of both. Rounds alternate between the programs; the figure is the median. The
-memory is the peak resident set less four images of 12 bytes a pixel (three inputs and the output).
+The same base U-Net (hdr, albedo, normal) for both, as fp32 and, where export/ can quantise, as
+int8; then the built-in models of both. Rounds alternate between the programs; the figure is the
+median. The memory is the peak resident set less four images of 12 bytes a pixel (three inputs and
+the output).
 """
 
 from __future__ import annotations
