@@ -4,16 +4,22 @@
 #   make demo           denoises demo/ and says what it did
 #   make check          every test (as root it installs the Debian packages that they need)
 #   make install        DESTDIR= prefix=/usr/local libdir= includedir= ...
-#   make help           all targets and settings
+#   make conform        every port of this CPU against the scalar one, and its speed
+#   make peer           outputs beside the real Open Image Denoise (Python package pyoidn)
+#   make peer-test      its own test program and clients on our library
+#   make bench-peer     speed and memory beside it
+#   make chart          speed against accuracy: docs/chart.svg, docs/chart.md
+#   make check-san      C tests under SAN=address,undefined (or memory, with CC=clang)
+#   make help           this text
 #
 # Settings: CC, HOSTCC (compiler of build-time tools when cross compiling), CFLAGS and LDFLAGS (added
 # last), OPT=-O3, WERROR=1, SAN=address,undefined (in a build folder of its own), BUILD=folder, and
 # OPENEXR=0, PNG=0, OPENCL=0, THREADS=0 to leave an optional part out. The .mk files list the sources.
 
 ifeq ($(origin CC),default)
-CC := cc
+CC := $(or $(shell for c in cc gcc clang; do command -v $$c >/dev/null && echo $$c && break; done),cc)
 endif
-HOSTCC ?= cc
+HOSTCC ?= $(if $(shell command -v cc),cc,$(CC))
 AR ?= ar
 OPT ?= -O3
 WERROR ?= 0
@@ -111,6 +117,10 @@ ifneq ($(filter i386 i486 i586 i686,$(CPU))$(filter -m32,$(CC) $(CFLAGS)),)
 ifeq ($(ARCH),x86)
 EXACT += -msse2 -mfpmath=sse
 endif
+endif
+# GCC for s390x evaluates floats in double under -std=c99.
+ifeq ($(CPU),s390x)
+EXACT += $(if $(call takes,-fexcess-precision=fast),-fexcess-precision=fast)
 endif
 ifneq ($(SYSTEM),windows)
 PIC := -fPIC
@@ -266,7 +276,10 @@ $(foreach t,$(TESTS),$(eval $(call test_rules,$(t))))
 # ---- Demo and tests ------------------------------------------------------------------------------
 
 VENV := build/venv
-.PHONY: demo check check-built check-san
+.PHONY: demo check check-built check-san conform peer peer-test bench-peer chart peer-ready
+
+# Where the tools of the tests and comparisons find the build.
+TOOLS := LULL_BUILD='$(abspath $(BUILD))' PYTHON='$(abspath $(VENV))/bin/python'
 
 # The tests' own settings may change what pkg-config finds, so make reads itself again after them.
 demo:
@@ -284,6 +297,72 @@ check-built: tests
 # C tests and scripts under sanitizers: make check-san SAN=address,undefined (or memory, with CC=clang)
 check-san: tests
 	@$(PYTHON) tests/run.py --build $(BUILD) --kinds program $(CHECK)
+
+# Every port against scalar, slot by slot, and each one's speed; docs/ports.md keeps the results.
+conform: tests
+	@$(BUILD)/test/conform$(EXE)
+	@$(BUILD)/test/conform$(EXE) --bench
+
+# ---- Beside the real Open Image Denoise (Python package pyoidn) ----------------------------------
+
+peer-ready:
+	@sh tests/setup.sh peer $(VENV)
+	@$(MAKE) --no-print-directory all
+
+# Equal weights, equal pictures: the outputs differ by less than OIDN's own tests allow.
+peer: peer-ready
+	@$(TOOLS) $(VENV)/bin/python -m bench.peer $(PEER)
+
+# OIDN's own test program and clients on our library.
+peer-test: peer-ready
+	@$(TOOLS) sh tests/api/peer_test.sh
+
+# Speed and memory, in one run.
+bench-peer: peer-ready
+	@$(TOOLS) $(VENV)/bin/python -m bench.speed $(BENCH)
+
+# Speed against accuracy: docs/chart.svg and docs/chart.md.
+chart: peer-ready
+	@$(TOOLS) $(VENV)/bin/python -m bench.chart $(CHART)
+
+# ---- Installing ----------------------------------------------------------------------------------
+
+prefix ?= /usr/local
+bindir ?= $(prefix)/bin
+libdir ?= $(prefix)/lib
+includedir ?= $(prefix)/include
+mandir ?= $(prefix)/share/man
+DESTDIR ?=
+INSTALL ?= install
+
+define_of = $(shell sed -n 's/^\#define $(1) \([0-9][0-9]*\).*/\1/p' $(2))
+OIDN_CONFIG := oidn/include/OpenImageDenoise/config.h
+OIDN_VERSION = $(call define_of,OIDN_VERSION_MAJOR,$(OIDN_CONFIG)).$(call \
+               define_of,OIDN_VERSION_MINOR,$(OIDN_CONFIG)).$(call define_of,OIDN_VERSION_PATCH,$(OIDN_CONFIG))
+LULL_VERSION = $(call define_of,LULL_VERSION_MAJOR,lib/lull.h).$(call \
+               define_of,LULL_VERSION_MINOR,lib/lull.h).$(call define_of,LULL_VERSION_PATCH,lib/lull.h)
+cmakedir = $(libdir)/cmake/OpenImageDenoise-$(OIDN_VERSION)
+FILL = sed -e 's|@PREFIX@|$(prefix)|g' -e 's|@LIBDIR@|$(libdir)|g' -e 's|@INCLUDEDIR@|$(includedir)|g' \
+       -e 's|@OIDN_VERSION@|$(OIDN_VERSION)|g' -e 's|@LULL_VERSION@|$(LULL_VERSION)|g' \
+       -e 's|@SONAME@|$(SONAME)|g' -e 's|@THREAD_LIBS@|$(THREAD_LIBS)|g'
+TEMPLATES := $(wildcard oidn/packaging/*.in)
+MAN_PAGES := $(wildcard apps/man/*.1)
+
+.PHONY: install
+install: all
+	$(INSTALL) -d '$(DESTDIR)$(bindir)' '$(DESTDIR)$(libdir)/pkgconfig' \
+	    '$(DESTDIR)$(includedir)/OpenImageDenoise' '$(DESTDIR)$(cmakedir)' '$(DESTDIR)$(mandir)/man1'
+	$(INSTALL) -m 644 lib/lull.h '$(DESTDIR)$(includedir)'
+	$(INSTALL) -m 644 oidn/include/OpenImageDenoise/* '$(DESTDIR)$(includedir)/OpenImageDenoise'
+	$(INSTALL) -m 644 $(LIBLULL) $(LIBOIDN) '$(DESTDIR)$(libdir)'
+	$(INSTALL) -m 755 $(BUILD)/lib/$(SONAME) '$(DESTDIR)$(libdir)'
+	$(if $(SOLINK),ln -sf $(SONAME) '$(DESTDIR)$(libdir)/$(SOLINK)')
+	$(if $(PROGRAMS),$(INSTALL) -m 755 $(PROGRAMS) '$(DESTDIR)$(bindir)')
+	set -e; for t in $(TEMPLATES); do \
+	    name=$$(basename $$t .in); \
+	    case $$name in *.pc) to='$(libdir)/pkgconfig' ;; *) to='$(cmakedir)' ;; esac; \
+	    $(FILL) $$t >'$(DESTDIR)'$$to/$$name; chmod 644 '$(DESTDIR)'$$to/$$name; done
+	$(if $(MAN_PAGES),$(INSTALL) -m 644 $(MAN_PAGES) '$(DESTDIR)$(mandir)/man1')
 
 clean:
 	rm -rf $(BUILD)

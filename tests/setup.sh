@@ -3,7 +3,9 @@
 # they are named.
 #
 #   tests/setup.sh build          headers of OpenEXR and libpng, pkg-config (for `make demo`)
-#   tests/setup.sh check VENV     these, Python 3.10 and the Python packages of tests/requirements.txt
+#   tests/setup.sh check VENV     these, Python 3.10, and in the virtual environment VENV the packages
+#                                 of tests/requirements.txt and training/requirements.txt
+#   tests/setup.sh peer VENV      these, and bench/requirements.txt (the real Open Image Denoise)
 #
 # Environment: PYTHON (default python3), LULL_NO_INSTALL=1 never installs Debian packages,
 # CI=true makes it fail where something is missing (else the tests in question count as skipped).
@@ -25,7 +27,7 @@ find_missing() {
     need pkg-config command -v pkg-config
     need libopenexr-dev pkg-config --exists 'OpenEXR >= 3.1'
     need libpng-dev pkg-config --exists libpng
-    if [ "$what" = check ]; then
+    if [ "$what" != build ]; then
         need python3 "$python" -c 'import sys; assert sys.version_info >= (3, 10)'
         need python3-venv "$python" -c 'import venv, ensurepip'
     fi
@@ -47,23 +49,20 @@ if [ -n "$missing" ]; then
     case " $missing " in *" python3 "* | *" python3-venv "*) exit 1 ;; esac
     [ "${CI:-}" != true ] || exit 1
 fi
-[ "$what" = check ] || exit 0
+[ "$what" != build ] || exit 0
 
-# The virtual environment, made anew when the lists of requirements change.
+# The virtual environment. Each list is installed once, and again when it changes.
 venv=$2
-lists=$root/tests/requirements.txt
-[ ! -f "$root/training/requirements.txt" ] || lists="$lists $root/training/requirements.txt"
-# shellcheck disable=SC2086
-stamp=$(cat $lists | cksum)
-if [ "$(cat "$venv/stamp" 2>/dev/null)" != "$stamp" ]; then
-    echo "setting up $venv (PyTorch is large: this takes a few minutes)"
-    rm -rf "$venv"
-    "$python" -m venv "$venv"
-    for list in $lists; do
-        "$venv/bin/python" -m pip install --quiet --disable-pip-version-check -r "$list" || {
-            echo "setup: pip could not install the packages of ${list#"$root"/}" >&2
-            exit 1
-        }
-    done
-    echo "$stamp" >"$venv/stamp"
-fi
+[ -x "$venv/bin/python" ] || "$python" -m venv "$venv"
+lists="tests/requirements.txt training/requirements.txt"
+[ "$what" != peer ] || lists="$lists bench/requirements.txt"
+for list in $lists; do
+    stamp=$venv/$(echo "$list" | tr / -).done
+    ! cmp -s "$root/$list" "$stamp" || continue
+    echo "installing $list into $venv (this can take minutes)"
+    "$venv/bin/python" -m pip install --quiet --disable-pip-version-check -r "$root/$list" || {
+        echo "setup: pip could not install the packages of $list" >&2
+        exit 1
+    }
+    cp "$root/$list" "$stamp"
+done
