@@ -117,7 +117,8 @@ image_status exr_file_fail(const exr_file *file, exr_result_t result, image_stat
     return image_fail(error, status, "OpenEXR: %s", text);
 }
 
-/* ---- Chunks -------------------------------------------------------------------------------------- */
+/* ---- Chunks
+ * -------------------------------------------------------------------------------------- */
 
 exr_result_t exr_chunks_begin(exr_chunks *chunks, exr_context_t context, int part)
 {
@@ -157,33 +158,37 @@ exr_result_t exr_chunks_next(exr_chunks *chunks, int *is_end)
             chunks->next_y++;
         }
         chunks->x = chunks->next_x * chunks->columns;
-        chunks->y = (int)((int64_t)chunks->next_y * chunks->lines < height ? chunks->next_y * chunks->lines
-                                                                           : height);
+        chunks->y = (int)((int64_t)chunks->next_y * chunks->lines < height
+                              ? chunks->next_y * chunks->lines
+                              : height);
         if (chunks->y == height) {
             *is_end = 1;
             return EXR_ERR_SUCCESS;
         }
-        result = exr_read_tile_chunk_info(chunks->context, chunks->part, chunks->next_x, chunks->next_y, 0,
-                                          0, &chunks->info);
+        result = exr_read_tile_chunk_info(chunks->context, chunks->part, chunks->next_x,
+                                          chunks->next_y, 0, 0, &chunks->info);
         chunks->next_x++;
     } else {
         if (chunks->next_y > chunks->window.max.y) {
             *is_end = 1;
             return EXR_ERR_SUCCESS;
         }
-        result = exr_read_scanline_chunk_info(chunks->context, chunks->part, chunks->next_y, &chunks->info);
+        result = exr_read_scanline_chunk_info(chunks->context, chunks->part, chunks->next_y,
+                                              &chunks->info);
         chunks->x = 0;
         chunks->y = chunks->next_y - chunks->window.min.y;
         chunks->next_y += chunks->lines;
     }
-    if (!result && (chunks->info.width < 1 || chunks->info.height < 1 ||
-                    chunks->info.width > width - chunks->x || chunks->info.height > height - chunks->y))
+    if (!result &&
+        (chunks->info.width < 1 || chunks->info.height < 1 ||
+         chunks->info.width > width - chunks->x || chunks->info.height > height - chunks->y))
         result = EXR_ERR_BAD_CHUNK_LEADER;
     return result;
 }
 
-exr_result_t exr_decode_planes(const exr_chunks *chunks, exr_decode_pipeline_t *decode, int *is_started,
-                               const unsigned char *wanted, unsigned char **planes, size_t *room)
+exr_result_t exr_decode_planes(const exr_chunks *chunks, exr_decode_pipeline_t *decode,
+                               int *is_started, const unsigned char *wanted, unsigned char **planes,
+                               size_t *room)
 {
     exr_result_t result;
     if (*is_started)
@@ -195,7 +200,8 @@ exr_result_t exr_decode_planes(const exr_chunks *chunks, exr_decode_pipeline_t *
     *is_started = 1;
     for (int c = 0; c < decode->channel_count; c++) {
         exr_coding_channel_info_t *channel = &decode->channels[c];
-        size_t bytes = (size_t)channel->width * (size_t)channel->height * (size_t)channel->bytes_per_element;
+        size_t bytes = (size_t)channel->width * (size_t)channel->height *
+                       (size_t)channel->bytes_per_element;
         channel->decode_to_ptr = NULL;
         if (!wanted[c] || !bytes)
             continue;

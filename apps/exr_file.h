@@ -1,4 +1,5 @@
-/* OpenEXRCore over a stdio stream, for imageio_exr.c and exr_keep.c. Only with LULL_WITH_OPENEXR. */
+/* OpenEXRCore over a stdio stream, for imageio_exr.c and exr_keep.c. Only with LULL_WITH_OPENEXR.
+ */
 #ifndef LULL_APPS_EXR_FILE_H
 #define LULL_APPS_EXR_FILE_H
 
@@ -8,12 +9,12 @@
 
 #include <openexr.h>
 
-/* An open file. Initialise with exr_file_read or exr_file_write, end with exr_file_close. The struct must
- * not move in between: OpenEXR holds its address. */
+/* An open file. Initialise with exr_file_read or exr_file_write, end with exr_file_close. The
+ * struct must not move in between: OpenEXR holds its address. */
 typedef struct exr_file {
     exr_context_t context;
     FILE *stream;
-    int64_t position; /* of the stream; saves seeks */
+    int64_t position;  /* of the stream; saves seeks */
     char message[200]; /* first thing that OpenEXR said */
 } exr_file;
 
@@ -21,7 +22,8 @@ image_status exr_file_read(exr_file *file, FILE *stream, image_error *error);
 image_status exr_file_write(exr_file *file, FILE *stream, image_error *error);
 void exr_file_close(exr_file *file);
 
-/* Turns what OpenEXR returned and said into an error of this status (FORMAT if it lacks the feature). */
+/* Turns what OpenEXR returned and said into an error of this status (FORMAT if it lacks the
+ * feature). */
 image_status exr_file_fail(const exr_file *file, exr_result_t result, image_status status,
                            image_error *error);
 
@@ -43,10 +45,12 @@ exr_result_t exr_chunks_begin(exr_chunks *chunks, exr_context_t context, int par
 /* Moves to the next chunk; *is_end is 1 (and there is none) after the last. */
 exr_result_t exr_chunks_next(exr_chunks *chunks, int *is_end);
 
-/* Decodes the current chunk. planes[c]: where channel c goes, tightly packed in its own type, or NULL;
- * `room[c]` are the bytes there and grow as needed (malloc, realloc). wanted[c]: 0 skips the channel. */
-exr_result_t exr_decode_planes(const exr_chunks *chunks, exr_decode_pipeline_t *decode, int *is_started,
-                               const unsigned char *wanted, unsigned char **planes, size_t *room);
+/* Decodes the current chunk. planes[c]: where channel c goes, tightly packed in its own type, or
+ * NULL; `room[c]` are the bytes there and grow as needed (malloc, realloc). wanted[c]: 0 skips the
+ * channel. */
+exr_result_t exr_decode_planes(const exr_chunks *chunks, exr_decode_pipeline_t *decode,
+                               int *is_started, const unsigned char *wanted, unsigned char **planes,
+                               size_t *room);
 
 #endif
 #endif

@@ -40,7 +40,8 @@ static void keeper_free(keeper *k)
     exr_file_close(&k->out);
 }
 
-/* Finds the image's channels in the source; fails if the file is no longer the one that was read. */
+/* Finds the image's channels in the source; fails if the file is no longer the one that was read.
+ */
 static image_status match_channels(keeper *k, image_error *error)
 {
     const image *img = k->img;
@@ -71,11 +72,13 @@ static image_status match_channels(keeper *k, image_error *error)
     if (found != img->channels ||
         (size_t)(k->chunks.window.max.x - k->chunks.window.min.x + 1) != img->width ||
         (size_t)(k->chunks.window.max.y - k->chunks.window.min.y + 1) != img->height)
-        return image_fail(error, IMAGE_ERROR_WRITE, "the input file changed while it was being denoised");
+        return image_fail(error, IMAGE_ERROR_WRITE,
+                          "the input file changed while it was being denoised");
     return IMAGE_OK;
 }
 
-/* ---- Headers ------------------------------------------------------------------------------------- */
+/* ---- Headers
+ * ------------------------------------------------------------------------------------- */
 
 /* 1 if decoding and encoding again with this compression gives the same values. */
 static int is_lossless(exr_compression_t compression)
@@ -92,10 +95,10 @@ static exr_result_t set_channels(keeper *k, int part)
     exr_result_t result = exr_get_channels(k->in.context, part, &list);
     for (int c = 0; c < list->num_channels && !result; c++) {
         const exr_attr_chlist_entry_t *e = &list->entries[c];
-        result = exr_add_channel(k->out.context, part, e->name.str,
-                                 k->replaced[c] < 0 ? e->pixel_type : type,
-                                 e->p_linear ? EXR_PERCEPTUALLY_LINEAR : EXR_PERCEPTUALLY_LOGARITHMIC,
-                                 e->x_sampling, e->y_sampling);
+        result = exr_add_channel(
+            k->out.context, part, e->name.str, k->replaced[c] < 0 ? e->pixel_type : type,
+            e->p_linear ? EXR_PERCEPTUALLY_LINEAR : EXR_PERCEPTUALLY_LOGARITHMIC, e->x_sampling,
+            e->y_sampling);
     }
     return result;
 }
@@ -116,8 +119,8 @@ static exr_result_t change_header(keeper *k, int part)
     if (!result && k->chunks.is_tiled) {
         result = exr_get_tile_descriptor(k->in.context, part, &tile_w, &tile_h, &level, &round);
         if (!result)
-            result = exr_set_tile_descriptor(k->out.context, part, tile_w, tile_h, EXR_TILE_ONE_LEVEL,
-                                             EXR_TILE_ROUND_DOWN);
+            result = exr_set_tile_descriptor(k->out.context, part, tile_w, tile_h,
+                                             EXR_TILE_ONE_LEVEL, EXR_TILE_ROUND_DOWN);
     }
     return result ? result : set_channels(k, part);
 }
@@ -131,7 +134,8 @@ static int has_long_names(exr_context_t context, int parts)
         exr_get_attribute_count(context, part, &count);
         for (int32_t i = 0; i < count; i++) {
             const exr_attribute_t *attribute;
-            if (!exr_get_attribute_by_index(context, part, EXR_ATTR_LIST_FILE_ORDER, i, &attribute) &&
+            if (!exr_get_attribute_by_index(context, part, EXR_ATTR_LIST_FILE_ORDER, i,
+                                            &attribute) &&
                 (strlen(attribute->name) > 31 || strlen(attribute->type_name) > 31))
                 return 1;
         }
@@ -165,7 +169,8 @@ static exr_result_t write_headers(keeper *k, int parts)
     return result ? result : exr_write_header(k->out.context);
 }
 
-/* ---- Parts copied as they are -------------------------------------------------------------------- */
+/* ---- Parts copied as they are
+ * -------------------------------------------------------------------- */
 
 /* A buffer that grows. */
 typedef struct bytes {
@@ -204,21 +209,22 @@ static exr_result_t copy_chunk(keeper *k, int part, const exr_chunk_info_t *info
         return exr_write_scanline_chunk(k->out.context, part, info->start_y, packed->data,
                                         info->packed_size);
     case EXR_STORAGE_TILED:
-        return exr_write_tile_chunk(k->out.context, part, info->start_x, info->start_y, info->level_x,
-                                    info->level_y, packed->data, info->packed_size);
+        return exr_write_tile_chunk(k->out.context, part, info->start_x, info->start_y,
+                                    info->level_x, info->level_y, packed->data, info->packed_size);
     case EXR_STORAGE_DEEP_SCANLINE:
         return exr_write_deep_scanline_chunk(k->out.context, part, info->start_y, packed->data,
                                              info->packed_size, info->unpacked_size, samples->data,
                                              info->sample_count_table_size);
     default:
         return exr_write_deep_tile_chunk(k->out.context, part, info->start_x, info->start_y,
-                                         info->level_x, info->level_y, packed->data, info->packed_size,
-                                         info->unpacked_size, samples->data,
+                                         info->level_x, info->level_y, packed->data,
+                                         info->packed_size, info->unpacked_size, samples->data,
                                          info->sample_count_table_size);
     }
 }
 
-static exr_result_t copy_tile_level(keeper *k, int part, int lx, int ly, bytes *packed, bytes *samples)
+static exr_result_t copy_tile_level(keeper *k, int part, int lx, int ly, bytes *packed,
+                                    bytes *samples)
 {
     int32_t width, height, tile_w, tile_h;
     exr_chunk_info_t info;
@@ -240,8 +246,8 @@ static exr_result_t copy_tiles(keeper *k, int part, bytes *packed, bytes *sample
     int32_t nx = 1, ny = 1;
     exr_tile_level_mode_t level;
     exr_tile_round_mode_t round;
-    exr_result_t result =
-        exr_get_tile_descriptor(k->in.context, part, &tile_w, &tile_h, &level, &round);
+    exr_result_t result = exr_get_tile_descriptor(k->in.context, part, &tile_w, &tile_h, &level,
+                                                  &round);
     if (!result)
         result = exr_get_tile_levels(k->in.context, part, &nx, &ny);
     if (!result && level != EXR_TILE_RIPMAP_LEVELS) {
@@ -285,9 +291,11 @@ static exr_result_t copy_part(keeper *k, int part)
     return result;
 }
 
-/* ---- The changed part ---------------------------------------------------------------------------- */
+/* ---- The changed part
+ * ---------------------------------------------------------------------------- */
 
-/* Writes the image's pixels of the current chunk into the planes of the channels that it replaces. */
+/* Writes the image's pixels of the current chunk into the planes of the channels that it replaces.
+ */
 static exr_result_t replace_planes(keeper *k)
 {
     const image *img = k->img;
@@ -337,7 +345,8 @@ static exr_result_t encode_chunk(keeper *k, const exr_chunk_info_t *info, int sk
     return result ? result : exr_encoding_run(k->out.context, part, &k->encode);
 }
 
-/* Encodes the decoded chunk: one output chunk, or several if the output's compression takes fewer lines. */
+/* Encodes the decoded chunk: one output chunk, or several if the output's compression takes fewer
+ * lines. */
 static exr_result_t encode_chunks(keeper *k)
 {
     exr_chunk_info_t info;
@@ -366,7 +375,8 @@ static image_status change_part(keeper *k, image_error *error)
         if (is_end)
             return IMAGE_OK;
         if (!result)
-            result = exr_decode_planes(&k->chunks, &k->decode, &k->is_decoding, k->wanted, k->planes, k->room);
+            result = exr_decode_planes(&k->chunks, &k->decode, &k->is_decoding, k->wanted,
+                                       k->planes, k->room);
         if (result)
             return exr_file_fail(&k->in, result, IMAGE_ERROR_WRITE, error);
         result = replace_planes(k);
@@ -391,7 +401,8 @@ static image_status copy_all(keeper *k, image_error *error)
             result = copy_part(k, part);
     }
     if (result)
-        status = exr_file_fail(k->out.message[0] ? &k->out : &k->in, result, IMAGE_ERROR_WRITE, error);
+        status = exr_file_fail(k->out.message[0] ? &k->out : &k->in, result, IMAGE_ERROR_WRITE,
+                               error);
     return status;
 }
 

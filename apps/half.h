@@ -1,4 +1,5 @@
-/* IEEE half precision in integers: float to half rounds to nearest even and overflows to infinity. */
+/* IEEE half precision in integers: float to half rounds to nearest even and overflows to infinity.
+ */
 #ifndef LULL_APPS_HALF_H
 #define LULL_APPS_HALF_H
 

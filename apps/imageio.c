@@ -10,10 +10,11 @@
 #include "half.h"
 #include "platform.h"
 
-/* The formats. The first row whose magic a file begins with reads it; rows with the same magic differ in
- * what they write. '?' in a magic stands for any byte. */
+/* The formats. The first row whose magic a file begins with reads it; rows with the same magic
+ * differ in what they write. '?' in a magic stands for any byte. */
 static const image_format formats[] = {
-    {"exr", "OpenEXR", LULL_WITH_OPENEXR, 1, 0, "\x76\x2f\x31\x01", image_read_exr, image_write_exr},
+    {"exr", "OpenEXR", LULL_WITH_OPENEXR, 1, 0, "\x76\x2f\x31\x01", image_read_exr,
+     image_write_exr},
     {"pfm", "PFM", 1, 1, 0, "PF", image_read_pfm, image_write_pfm},
     {"pfm", "PFM", 1, 1, 0, "Pf", image_read_pfm, image_write_pfm},
     {"pfm", "PFM", 1, 1, 0, "P=", image_read_pfm, image_write_pfm},
@@ -76,14 +77,18 @@ int image_path_is_integer(const char *path)
     return format && format->is_integer;
 }
 
-/* ---- Images -------------------------------------------------------------------------------------- */
+/* ---- Images
+ * -------------------------------------------------------------------------------------- */
 
-size_t image_pixel_bytes(const image *img) { return img->channels * (img->type == IMAGE_HALF ? 2u : 4u); }
+size_t image_pixel_bytes(const image *img)
+{
+    return img->channels * (img->type == IMAGE_HALF ? 2u : 4u);
+}
 size_t image_count(const image *img) { return img->width * img->height * img->channels; }
 size_t image_bytes(const image *img) { return img->width * img->height * image_pixel_bytes(img); }
 
-image_status image_create(image *out, size_t width, size_t height, unsigned channels, image_type type,
-                          image_error *error)
+image_status image_create(image *out, size_t width, size_t height, unsigned channels,
+                          image_type type, image_error *error)
 {
     memset(out, 0, sizeof *out);
     out->width = width;
@@ -95,7 +100,8 @@ image_status image_create(image *out, size_t width, size_t height, unsigned chan
     if (out->pixels)
         return IMAGE_OK;
     memset(out, 0, sizeof *out);
-    return image_fail(error, IMAGE_ERROR_MEMORY, "not enough memory for %zux%zu pixels", width, height);
+    return image_fail(error, IMAGE_ERROR_MEMORY, "not enough memory for %zux%zu pixels", width,
+                      height);
 }
 
 void image_destroy(image *img)
@@ -113,7 +119,8 @@ image_status image_begin(image *out, const image_request *request, uint64_t widt
         return image_fail(error, IMAGE_ERROR_DATA, "the image has no pixels (%llux%llu)",
                           (unsigned long long)width, (unsigned long long)height);
     if (width > IMAGE_MAX_SIZE || height > IMAGE_MAX_SIZE)
-        return image_fail(error, IMAGE_ERROR_FORMAT, "%llux%llu pixels; at most %d a side are supported",
+        return image_fail(error, IMAGE_ERROR_FORMAT,
+                          "%llux%llu pixels; at most %d a side are supported",
                           (unsigned long long)width, (unsigned long long)height, IMAGE_MAX_SIZE);
     bytes = width * height * channels * 4;
     if (bytes > SIZE_MAX / 4 || (request->max_bytes && bytes > request->max_bytes))
@@ -162,14 +169,18 @@ void image_set_row(image *img, size_t y, const float *values)
     }
 }
 
-/* ---- Curves -------------------------------------------------------------------------------------- */
+/* ---- Curves
+ * -------------------------------------------------------------------------------------- */
 
 float srgb_encode(float x)
 {
     return x <= 0.0031308f ? 12.92f * x : 1.055f * powf(x, 1.0f / 2.4f) - 0.055f;
 }
 
-float srgb_decode(float x) { return x <= 0.04045f ? x / 12.92f : powf((x + 0.055f) / 1.055f, 2.4f); }
+float srgb_decode(float x)
+{
+    return x <= 0.04045f ? x / 12.92f : powf((x + 0.055f) / 1.055f, 2.4f);
+}
 
 static float signed_encode(float x) { return x * 0.5f + 0.5f; }
 static float signed_decode(float x) { return x * 2.0f - 1.0f; }
@@ -185,7 +196,8 @@ void image_decode_srgb(image *img) { map_values(img, srgb_decode); }
 void image_encode_signed(image *img) { map_values(img, signed_encode); }
 void image_decode_signed(image *img) { map_values(img, signed_decode); }
 
-/* ---- Files --------------------------------------------------------------------------------------- */
+/* ---- Files
+ * --------------------------------------------------------------------------------------- */
 
 /* "not a picture of a known format" with a hint where the beginning is telling. */
 static image_status unknown_format(const unsigned char *head, size_t bytes, image_error *error)
@@ -199,7 +211,8 @@ static image_status unknown_format(const unsigned char *head, size_t bytes, imag
                       "not an image of a supported format (exr, pfm, phm, png, hdr, ppm, pgm)");
 }
 
-image_status image_read_stream(image *out, FILE *file, const image_request *request, image_error *error)
+image_status image_read_stream(image *out, FILE *file, const image_request *request,
+                               image_error *error)
 {
     unsigned char head[24];
     size_t bytes;
@@ -216,7 +229,8 @@ image_status image_read_stream(image *out, FILE *file, const image_request *requ
     if (!format)
         return unknown_format(head, bytes, error);
     if (!format->is_available)
-        return image_fail(error, IMAGE_ERROR_FORMAT, "%s is not supported by this build", format->name);
+        return image_fail(error, IMAGE_ERROR_FORMAT, "%s is not supported by this build",
+                          format->name);
     if (platform_seek(file, 0))
         return image_fail(error, IMAGE_ERROR_OPEN, "not a regular file");
     status = format->read(out, file, request, error);
@@ -225,7 +239,8 @@ image_status image_read_stream(image *out, FILE *file, const image_request *requ
     return status;
 }
 
-image_status image_read(image *out, const char *path, const image_request *request, image_error *error)
+image_status image_read(image *out, const char *path, const image_request *request,
+                        image_error *error)
 {
     FILE *file;
     image_status status;
@@ -245,9 +260,10 @@ image_status image_check_writable(const char *path, image_error *error)
 {
     const image_format *format = format_of_path(path);
     if (!format)
-        return image_fail(error, IMAGE_ERROR_WRITE,
-                          "the extension names no format that can be written (exr, pfm, phm, png, hdr, "
-                          "ppm, pgm)");
+        return image_fail(
+            error, IMAGE_ERROR_WRITE,
+            "the extension names no format that can be written (exr, pfm, phm, png, hdr, "
+            "ppm, pgm)");
     if (!format->is_available)
         return image_fail(error, IMAGE_ERROR_WRITE, "this build cannot write %s", format->name);
     return IMAGE_OK;

@@ -1,9 +1,10 @@
 /* Reading and writing images: OpenEXR, PFM/PHM, PNG, Radiance HDR, PPM/PGM. One row of the table in
  * imageio.c per format.
  *
- * Files may be truncated, corrupt or hostile: every reader checks sizes before it allocates, and fails with
- * a text that says what is wrong (without the file's name: the caller adds it). Writers write to a temporary
- * name and rename, so that an existing file is replaced as a whole or not at all. */
+ * Files may be truncated, corrupt or hostile: every reader checks sizes before it allocates, and
+ * fails with a text that says what is wrong (without the file's name: the caller adds it). Writers
+ * write to a temporary name and rename, so that an existing file is replaced as a whole or not at
+ * all. */
 #ifndef LULL_APPS_IMAGEIO_H
 #define LULL_APPS_IMAGEIO_H
 
@@ -51,13 +52,15 @@ typedef enum image_type {
     IMAGE_HALF
 } image_type;
 
-/* Pixels: rows from top to bottom, channels interleaved, no padding. A zeroed struct is an empty image. */
+/* Pixels: rows from top to bottom, channels interleaved, no padding. A zeroed struct is an empty
+ * image. */
 typedef struct image {
     size_t width, height;
     unsigned channels; /* 1 to 3: grey, two-channel, colour */
     image_type type;
-    void *pixels;   /* malloc */
-    float *alpha;   /* width * height, malloc; NULL if the file has none or keeps it by itself (EXR) */
+    void *pixels; /* malloc */
+    float
+        *alpha; /* width * height, malloc; NULL if the file has none or keeps it by itself (EXR) */
     unsigned bits;  /* 8 or 16: the file held integers of that many bits; 0: floating point */
     int is_layered; /* 1: read from an EXR file; then: */
     char names[3][IMAGE_NAME_SIZE]; /* the channels that were taken */
@@ -65,27 +68,36 @@ typedef struct image {
 } image;
 
 /* Which layer of a multilayer file is wanted (layers.h). */
-typedef enum image_role { IMAGE_COLOR, IMAGE_ALBEDO, IMAGE_NORMAL } image_role;
+typedef enum image_role {
+    IMAGE_COLOR,
+    IMAGE_ALBEDO,
+    IMAGE_NORMAL
+} image_role;
 
 typedef struct image_request {
     image_role role;
-    const char *layer; /* NULL: found by the usual names; else the layer's name, or its channels separated
-                        * by commas. Only EXR files have layers; other formats ignore it */
-    int is_exact;      /* 1: only a layer of the role's usual names will do. 0: a file without one may
-                        * give its main image (an albedo kept in a file of its own) */
+    const char
+        *layer; /* NULL: found by the usual names; else the layer's name, or its channels separated
+                 * by commas. Only EXR files have layers; other formats ignore it */
+    int is_exact; /* 1: only a layer of the role's usual names will do. 0: a file without one may
+                   * give its main image (an albedo kept in a file of its own) */
     image_type type;
     uint64_t max_bytes; /* refuse images that need more memory; 0: no limit */
 } image_request;
 
-/* Reads an image. The format is told from the content, not from the name. On failure `out` is empty. */
-image_status image_read(image *out, const char *path, const image_request *request, image_error *error);
+/* Reads an image. The format is told from the content, not from the name. On failure `out` is
+ * empty. */
+image_status image_read(image *out, const char *path, const image_request *request,
+                        image_error *error);
 
 /* Same from an open file; `name` only helps to tell formats whose content has no mark. */
-image_status image_read_stream(image *out, FILE *file, const image_request *request, image_error *error);
+image_status image_read_stream(image *out, FILE *file, const image_request *request,
+                               image_error *error);
 
 typedef struct image_target {
-    const char *keep_layers; /* EXR: copy everything but the channels named in the image from this file,
-                              * which may be the target itself; NULL: a file with this image only */
+    const char
+        *keep_layers; /* EXR: copy everything but the channels named in the image from this file,
+                       * which may be the target itself; NULL: a file with this image only */
 } image_target;
 
 /* Writes an image in the format that the path's extension names; `target` may be NULL. */
@@ -102,8 +114,8 @@ int image_path_is_linear(const char *path);
 int image_path_is_integer(const char *path);
 
 /* Allocates pixels (contents undefined). */
-image_status image_create(image *out, size_t width, size_t height, unsigned channels, image_type type,
-                          image_error *error);
+image_status image_create(image *out, size_t width, size_t height, unsigned channels,
+                          image_type type, image_error *error);
 void image_destroy(image *img);
 
 /* Bytes of all pixels, of one pixel. */
@@ -129,9 +141,11 @@ float srgb_decode(float encoded);
 void image_encode_signed(image *img);
 void image_decode_signed(image *img);
 
-/* ---- For the readers and writers ---------------------------------------------------------------- */
+/* ---- For the readers and writers ----------------------------------------------------------------
+ */
 
-/* Checks the size read from a header against limits and allocates. `stored`: type that IMAGE_ANY gives. */
+/* Checks the size read from a header against limits and allocates. `stored`: type that IMAGE_ANY
+ * gives. */
 image_status image_begin(image *out, const image_request *request, uint64_t width, uint64_t height,
                          unsigned channels, image_type stored, image_error *error);
 
@@ -139,8 +153,8 @@ typedef struct image_format {
     const char *extension;
     const char *name;
     int is_available;
-    int is_linear;  /* values in such files are linear, not sRGB-encoded */
-    int is_integer; /* values are clamped to [0, 1] */
+    int is_linear;     /* values in such files are linear, not sRGB-encoded */
+    int is_integer;    /* values are clamped to [0, 1] */
     const char *magic; /* first bytes, or NULL if another row reads these files */
     image_status (*read)(image *, FILE *, const image_request *, image_error *);
     image_status (*write)(FILE *, const image *, const image_target *, image_error *);

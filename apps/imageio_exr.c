@@ -1,6 +1,6 @@
-/* OpenEXR: reading a layer of a file, and writing a file with one image. Multipart files count as one list
- * of channels, the plain ones of a part (R, G, B) under the part's name. exr_keep.c writes into a copy of
- * a multilayer file. */
+/* OpenEXR: reading a layer of a file, and writing a file with one image. Multipart files count as
+ * one list of channels, the plain ones of a part (R, G, B) under the part's name. exr_keep.c writes
+ * into a copy of a multilayer file. */
 #include "imageio.h"
 
 #if LULL_WITH_OPENEXR
@@ -13,7 +13,8 @@
 #include "half.h"
 #include "layers.h"
 
-/* ---- The channels of a file ---------------------------------------------------------------------- */
+/* ---- The channels of a file
+ * ---------------------------------------------------------------------- */
 
 typedef struct channel_entry {
     int part, index; /* place in that part's list */
@@ -55,7 +56,8 @@ static char *full_name(const char *part, const char *channel)
     return name;
 }
 
-static exr_result_t append_part(channel_list *list, exr_context_t context, int part, int is_multipart)
+static exr_result_t append_part(channel_list *list, exr_context_t context, int part,
+                                int is_multipart)
 {
     const exr_attr_chlist_t *channels;
     const char *part_name = NULL;
@@ -99,7 +101,8 @@ static exr_result_t list_channels(channel_list *list, exr_context_t context)
 }
 
 /* "no normal layer among R, G, B, ..." */
-static image_status no_layer(const channel_list *list, const image_request *request, image_error *error)
+static image_status no_layer(const channel_list *list, const image_request *request,
+                             image_error *error)
 {
     char text[160];
     size_t n = 0;
@@ -116,8 +119,8 @@ static image_status no_layer(const channel_list *list, const image_request *requ
     if (!list->count)
         return image_fail(error, IMAGE_ERROR_FORMAT, "the file has only deep data");
     if (request->layer)
-        return image_fail(error, IMAGE_ERROR_LAYER, "no layer '%.60s' among the channels %s", request->layer,
-                          text);
+        return image_fail(error, IMAGE_ERROR_LAYER, "no layer '%.60s' among the channels %s",
+                          request->layer, text);
     return image_fail(error, IMAGE_ERROR_LAYER, "no %s layer among the channels %s",
                       layers_role_name(request->role), text);
 }
@@ -139,7 +142,8 @@ static layer_match choose(const channel_list *list, const image_request *request
     return match;
 }
 
-/* ---- Reading ------------------------------------------------------------------------------------- */
+/* ---- Reading
+ * ------------------------------------------------------------------------------------- */
 
 typedef struct reader {
     exr_file file;
@@ -204,7 +208,8 @@ static image_status reader_begin(reader *r, image *out, const channel_list *list
     out->is_layered = 1;
     out->part = part;
     for (unsigned c = 0; c < match.count; c++)
-        snprintf(out->names[c], sizeof out->names[c], "%s", channels->entries[r->taken[c]].name.str);
+        snprintf(out->names[c], sizeof out->names[c], "%s",
+                 channels->entries[r->taken[c]].name.str);
     return IMAGE_OK;
 }
 
@@ -238,7 +243,8 @@ static void store_chunk(const reader *r, image *out)
     }
 }
 
-static image_status read_layer(reader *r, image *out, const image_request *request, image_error *error)
+static image_status read_layer(reader *r, image *out, const image_request *request,
+                               image_error *error)
 {
     channel_list list;
     layer_match match;
@@ -252,8 +258,10 @@ static image_status read_layer(reader *r, image *out, const image_request *reque
         match = choose(&list, request);
         if (!match.count)
             status = no_layer(&list, request, error);
-        else if (match.count == 1 && layers_find_named("RY", (const char *const *)list.names, list.count).count)
-            status = image_fail(error, IMAGE_ERROR_FORMAT, "luminance and chroma channels are not supported");
+        else if (match.count == 1 &&
+                 layers_find_named("RY", (const char *const *)list.names, list.count).count)
+            status = image_fail(error, IMAGE_ERROR_FORMAT,
+                                "luminance and chroma channels are not supported");
         else
             status = reader_begin(r, out, &list, match, request, error);
     }
@@ -263,7 +271,8 @@ static image_status read_layer(reader *r, image *out, const image_request *reque
         if (is_end)
             break;
         if (!result)
-            result = exr_decode_planes(&r->chunks, &r->decode, &r->is_started, r->wanted, r->planes, r->room);
+            result = exr_decode_planes(&r->chunks, &r->decode, &r->is_started, r->wanted, r->planes,
+                                       r->room);
         if (result)
             status = exr_file_fail(&r->file, result, IMAGE_ERROR_DATA, error);
         else
@@ -272,7 +281,8 @@ static image_status read_layer(reader *r, image *out, const image_request *reque
     return status;
 }
 
-image_status image_read_exr(image *out, FILE *file, const image_request *request, image_error *error)
+image_status image_read_exr(image *out, FILE *file, const image_request *request,
+                            image_error *error)
 {
     reader r;
     image_status status;
@@ -284,7 +294,8 @@ image_status image_read_exr(image *out, FILE *file, const image_request *request
     return status;
 }
 
-/* ---- Writing a file of its own ------------------------------------------------------------------- */
+/* ---- Writing a file of its own
+ * ------------------------------------------------------------------- */
 
 #define LINES 16 /* of a ZIP chunk */
 
@@ -295,8 +306,8 @@ static exr_result_t write_header(exr_file *file, const image *img)
     int part = 0;
     exr_result_t result = exr_add_part(file->context, NULL, EXR_STORAGE_SCANLINE, &part);
     if (!result)
-        result = exr_initialize_required_attr_simple(file->context, part, (int)img->width, (int)img->height,
-                                                     EXR_COMPRESSION_ZIP);
+        result = exr_initialize_required_attr_simple(file->context, part, (int)img->width,
+                                                     (int)img->height, EXR_COMPRESSION_ZIP);
     for (unsigned c = 0; c < img->channels && !result; c++)
         result = exr_add_channel(file->context, part, names[img->channels - 1][c], type,
                                  EXR_PERCEPTUALLY_LOGARITHMIC, 1, 1);
@@ -306,8 +317,8 @@ static exr_result_t write_header(exr_file *file, const image *img)
 }
 
 /* The rows of the chunk as planes in the order of the file's channels, which is alphabetical. */
-static void fill_planes(unsigned char *planes, const image *img, exr_encode_pipeline_t *encode, size_t y0,
-                        size_t rows)
+static void fill_planes(unsigned char *planes, const image *img, exr_encode_pipeline_t *encode,
+                        size_t y0, size_t rows)
 {
     size_t step = img->type == IMAGE_HALF ? 2 : 4, w = img->width;
     for (int k = 0; k < encode->channel_count; k++) {
@@ -387,7 +398,8 @@ image_status image_write_exr(FILE *file, const image *img, const image_target *t
 
 #else
 
-image_status image_read_exr(image *out, FILE *file, const image_request *request, image_error *error)
+image_status image_read_exr(image *out, FILE *file, const image_request *request,
+                            image_error *error)
 {
     (void)out;
     (void)file;

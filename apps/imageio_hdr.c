@@ -1,4 +1,5 @@
-/* Radiance HDR (RGBE): three mantissas and a shared exponent in four bytes, plain or run-length encoded. */
+/* Radiance HDR (RGBE): three mantissas and a shared exponent in four bytes, plain or run-length
+ * encoded. */
 #include <errno.h>
 #include <math.h>
 #include <stdlib.h>
@@ -27,16 +28,16 @@ static int read_line(FILE *file, char *line, size_t size)
 }
 
 /* Reads up to and including the resolution line. is_flipped: rows from bottom to top. */
-static image_status read_header(FILE *file, unsigned long *width, unsigned long *height, int *is_flipped,
-                                image_error *error)
+static image_status read_header(FILE *file, unsigned long *width, unsigned long *height,
+                                int *is_flipped, image_error *error)
 {
     char line[1024], sign_y, sign_x, rest;
     do {
         if (!read_line(file, line, sizeof line))
             return image_fail(error, IMAGE_ERROR_DATA, "the Radiance header is truncated");
         if (!strncmp(line, "FORMAT=", 7) && strcmp(line + 7, "32-bit_rle_rgbe"))
-            return image_fail(error, IMAGE_ERROR_FORMAT, "Radiance files of format '%.40s' are not supported",
-                              line + 7);
+            return image_fail(error, IMAGE_ERROR_FORMAT,
+                              "Radiance files of format '%.40s' are not supported", line + 7);
     } while (line[0]);
     if (!read_line(file, line, sizeof line))
         return image_fail(error, IMAGE_ERROR_DATA, "the Radiance header is truncated");
@@ -49,7 +50,8 @@ static image_status read_header(FILE *file, unsigned long *width, unsigned long 
     return IMAGE_OK;
 }
 
-/* The newer encoding: each of the four components of the row by itself, in runs (count > 128) and copies. */
+/* The newer encoding: each of the four components of the row by itself, in runs (count > 128) and
+ * copies. */
 static int read_components(FILE *file, unsigned char *row, size_t width)
 {
     for (unsigned c = 0; c < 4; c++)
@@ -103,7 +105,8 @@ static int read_row(FILE *file, unsigned char *row, size_t width)
     return read_pixels(file, row, width, 1);
 }
 
-image_status image_read_hdr(image *out, FILE *file, const image_request *request, image_error *error)
+image_status image_read_hdr(image *out, FILE *file, const image_request *request,
+                            image_error *error)
 {
     unsigned long width = 0, height = 0;
     int is_flipped = 0;
@@ -117,8 +120,8 @@ image_status image_read_hdr(image *out, FILE *file, const image_request *request
     size = platform_file_size(file);
     if (size >= 0 && (double)height * 4 > (double)size) /* a row takes four bytes at least */
         return image_fail(error, IMAGE_ERROR_DATA,
-                          "truncated: the header says %lux%lu pixels, the file has %.0f bytes", width, height,
-                          (double)size);
+                          "truncated: the header says %lux%lu pixels, the file has %.0f bytes",
+                          width, height, (double)size);
     status = image_begin(out, request, width, height, 3, IMAGE_FLOAT, error);
     if (status)
         return status;
@@ -128,8 +131,8 @@ image_status image_read_hdr(image *out, FILE *file, const image_request *request
         status = image_fail(error, IMAGE_ERROR_MEMORY, "not enough memory");
     for (size_t y = 0; !status && y < out->height; y++) {
         if (!read_row(file, row, out->width)) {
-            status = image_fail(error, IMAGE_ERROR_DATA, "truncated or corrupt in row %zu of %zu", y,
-                                out->height);
+            status = image_fail(error, IMAGE_ERROR_DATA, "truncated or corrupt in row %zu of %zu",
+                                y, out->height);
             break;
         }
         for (size_t x = 0; x < out->width; x++) {

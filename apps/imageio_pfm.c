@@ -1,6 +1,6 @@
-/* PFM (float) and PHM (half): a text header, then rows from bottom to top. A negative scale means little
- * endian; its absolute value multiplies. Three magics each, for three, one and two channels; the last is
- * an extension by Open Image Denoise, as is PHM. */
+/* PFM (float) and PHM (half): a text header, then rows from bottom to top. A negative scale means
+ * little endian; its absolute value multiplies. Three magics each, for three, one and two channels;
+ * the last is an extension by Open Image Denoise, as is PHM. */
 #include <ctype.h>
 #include <errno.h>
 #include <math.h>
@@ -47,8 +47,8 @@ static int read_number(FILE *file, double *value)
 }
 
 /* One row of values in file order to floats. */
-static void unpack_row(float *values, const unsigned char *bytes, size_t n, image_type type, int is_big,
-                       float scale)
+static void unpack_row(float *values, const unsigned char *bytes, size_t n, image_type type,
+                       int is_big, float scale)
 {
     for (size_t i = 0; i < n; i++) {
         if (type == IMAGE_HALF) {
@@ -56,8 +56,10 @@ static void unpack_row(float *values, const unsigned char *bytes, size_t n, imag
             values[i] = half_to_float((uint16_t)(is_big ? p[0] << 8 | p[1] : p[1] << 8 | p[0]));
         } else {
             const unsigned char *p = bytes + 4 * i;
-            uint32_t u = is_big ? (uint32_t)p[0] << 24 | (uint32_t)p[1] << 16 | (uint32_t)p[2] << 8 | p[3]
-                                : (uint32_t)p[3] << 24 | (uint32_t)p[2] << 16 | (uint32_t)p[1] << 8 | p[0];
+            uint32_t u = is_big ? (uint32_t)p[0] << 24 | (uint32_t)p[1] << 16 |
+                                      (uint32_t)p[2] << 8 | p[3]
+                                : (uint32_t)p[3] << 24 | (uint32_t)p[2] << 16 |
+                                      (uint32_t)p[1] << 8 | p[0];
             memcpy(&values[i], &u, sizeof u);
         }
         if (scale != 1.0f)
@@ -65,7 +67,8 @@ static void unpack_row(float *values, const unsigned char *bytes, size_t n, imag
     }
 }
 
-image_status image_read_pfm(image *out, FILE *file, const image_request *request, image_error *error)
+image_status image_read_pfm(image *out, FILE *file, const image_request *request,
+                            image_error *error)
 {
     char mark[8];
     double width, height, scale;
@@ -87,9 +90,10 @@ image_status image_read_pfm(image *out, FILE *file, const image_request *request
     size = platform_file_size(file);
     row_bytes = (size_t)width * variants[v].channels * (variants[v].type == IMAGE_HALF ? 2u : 4u);
     if (size >= 0 && (double)row_bytes * height > (double)size)
-        return image_fail(error, IMAGE_ERROR_DATA,
-                          "truncated: the header says %.0fx%.0f pixels, %.0f bytes, the file has %.0f", width,
-                          height, (double)row_bytes * height, (double)size);
+        return image_fail(
+            error, IMAGE_ERROR_DATA,
+            "truncated: the header says %.0fx%.0f pixels, %.0f bytes, the file has %.0f", width,
+            height, (double)row_bytes * height, (double)size);
     status = image_begin(out, request, (uint64_t)width, (uint64_t)height, variants[v].channels,
                          variants[v].type, error);
     if (status)
@@ -102,8 +106,8 @@ image_status image_read_pfm(image *out, FILE *file, const image_request *request
         status = image_fail(error, IMAGE_ERROR_MEMORY, "not enough memory");
     for (size_t y = out->height; !status && y-- > 0;) {
         if (fread(bytes, 1, row_bytes, file) != row_bytes) {
-            status = image_fail(error, IMAGE_ERROR_DATA, "truncated: %zu of %zu rows are missing", y + 1,
-                                out->height);
+            status = image_fail(error, IMAGE_ERROR_DATA, "truncated: %zu of %zu rows are missing",
+                                y + 1, out->height);
             break;
         }
         unpack_row(values, bytes, n, variants[v].type, scale > 0, (float)fabs(scale));

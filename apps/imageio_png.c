@@ -11,8 +11,8 @@
 
 #include "platform.h"
 
-/* All that must be freed after an error. It lives in the caller of setjmp's caller, so that longjmp leaves
- * it defined. */
+/* All that must be freed after an error. It lives in the caller of setjmp's caller, so that longjmp
+ * leaves it defined. */
 typedef struct png_job {
     png_structp png;
     png_infop info;
@@ -43,7 +43,8 @@ static void job_free(png_job *job)
     free(job->values);
 }
 
-/* ---- Reading ------------------------------------------------------------------------------------- */
+/* ---- Reading
+ * ------------------------------------------------------------------------------------- */
 
 /* After this, rows are 8 or 16 bit (big endian) grey, grey + alpha, RGB or RGBA. */
 static void set_transforms(png_job *job)
@@ -61,13 +62,15 @@ static void set_transforms(png_job *job)
 }
 
 /* One row of libpng's bytes to the image and its alpha. stored: channels with alpha. */
-static void store_row(png_job *job, image *out, size_t y, const unsigned char *bytes, unsigned stored)
+static void store_row(png_job *job, image *out, size_t y, const unsigned char *bytes,
+                      unsigned stored)
 {
     float scale = out->bits == 16 ? 65535.0f : 255.0f;
     for (size_t x = 0; x < out->width; x++)
         for (unsigned c = 0; c < stored; c++) {
             size_t i = x * stored + c;
-            float v = (float)(out->bits == 16 ? bytes[2 * i] << 8 | bytes[2 * i + 1] : bytes[i]) / scale;
+            float v = (float)(out->bits == 16 ? bytes[2 * i] << 8 | bytes[2 * i + 1] : bytes[i]) /
+                      scale;
             if (c < out->channels)
                 job->values[x * out->channels + c] = v;
             else
@@ -125,7 +128,8 @@ static image_status read_guarded(png_job *job, image *out, FILE *file, const ima
     return read_pixels(job, out, request);
 }
 
-image_status image_read_png(image *out, FILE *file, const image_request *request, image_error *error)
+image_status image_read_png(image *out, FILE *file, const image_request *request,
+                            image_error *error)
 {
     png_job job;
     image_status status;
@@ -145,7 +149,8 @@ image_status image_read_png(image *out, FILE *file, const image_request *request
     return status;
 }
 
-/* ---- Writing ------------------------------------------------------------------------------------- */
+/* ---- Writing
+ * ------------------------------------------------------------------------------------- */
 
 /* Nearest integer; NaN is 0. */
 static unsigned quantise(float v, float scale)
@@ -159,11 +164,11 @@ static void write_pixels(png_job *job, const image *img)
     unsigned base = img->channels == 1 ? 1 : 3, stored = base + (img->alpha != NULL);
     unsigned step = img->bits == 16 ? 2 : 1;
     float scale = step == 2 ? 65535.0f : 255.0f;
-    static const int types[] = {0, PNG_COLOR_TYPE_GRAY, PNG_COLOR_TYPE_GRAY_ALPHA, PNG_COLOR_TYPE_RGB,
-                                PNG_COLOR_TYPE_RGB_ALPHA};
+    static const int types[] = {0, PNG_COLOR_TYPE_GRAY, PNG_COLOR_TYPE_GRAY_ALPHA,
+                                PNG_COLOR_TYPE_RGB, PNG_COLOR_TYPE_RGB_ALPHA};
 
-    png_set_IHDR(job->png, job->info, (png_uint_32)img->width, (png_uint_32)img->height, (int)step * 8,
-                 types[stored], PNG_INTERLACE_NONE, PNG_COMPRESSION_TYPE_DEFAULT,
+    png_set_IHDR(job->png, job->info, (png_uint_32)img->width, (png_uint_32)img->height,
+                 (int)step * 8, types[stored], PNG_INTERLACE_NONE, PNG_COMPRESSION_TYPE_DEFAULT,
                  PNG_FILTER_TYPE_DEFAULT);
     png_set_compression_level(job->png, 6);
     png_write_info(job->png, job->info);
@@ -172,7 +177,8 @@ static void write_pixels(png_job *job, const image *img)
         for (size_t x = 0; x < img->width; x++)
             for (unsigned c = 0; c < stored; c++) {
                 unsigned from = c < img->channels ? c : img->channels - 1;
-                float v = c < base ? job->values[x * img->channels + from] : img->alpha[y * img->width + x];
+                float v = c < base ? job->values[x * img->channels + from]
+                                   : img->alpha[y * img->width + x];
                 unsigned q = quantise(v, scale);
                 unsigned char *p = job->bytes + (x * stored + c) * step;
                 if (step == 2)
@@ -219,7 +225,8 @@ image_status image_write_png(FILE *file, const image *img, const image_target *t
 
 #else
 
-image_status image_read_png(image *out, FILE *file, const image_request *request, image_error *error)
+image_status image_read_png(image *out, FILE *file, const image_request *request,
+                            image_error *error)
 {
     (void)out;
     (void)file;

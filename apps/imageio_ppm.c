@@ -1,5 +1,5 @@
-/* PPM (P6) and PGM (P5), binary, 8 or 16 bit. Writing truncates value * 255 as Open Image Denoise's program
- * does, so that both give equal files. */
+/* PPM (P6) and PGM (P5), binary, 8 or 16 bit. Writing truncates value * 255 as Open Image Denoise's
+ * program does, so that both give equal files. */
 #include <ctype.h>
 #include <errno.h>
 #include <stdlib.h>
@@ -28,7 +28,8 @@ static long read_number(FILE *file)
     return digits && c != EOF && isspace(c) ? value : -1;
 }
 
-image_status image_read_ppm(image *out, FILE *file, const image_request *request, image_error *error)
+image_status image_read_ppm(image *out, FILE *file, const image_request *request,
+                            image_error *error)
 {
     unsigned channels;
     long width, height, maximum;
@@ -49,9 +50,10 @@ image_status image_read_ppm(image *out, FILE *file, const image_request *request
     size = platform_file_size(file);
     if (size >= 0 && (double)width * (double)height * channels * (double)step > (double)size)
         return image_fail(error, IMAGE_ERROR_DATA,
-                          "truncated: the header says %ldx%ld pixels, the file has %.0f bytes", width, height,
-                          (double)size);
-    status = image_begin(out, request, (uint64_t)width, (uint64_t)height, channels, IMAGE_FLOAT, error);
+                          "truncated: the header says %ldx%ld pixels, the file has %.0f bytes",
+                          width, height, (double)size);
+    status = image_begin(out, request, (uint64_t)width, (uint64_t)height, channels, IMAGE_FLOAT,
+                         error);
     if (status)
         return status;
     out->bits = step == 2 ? 16 : 8;
@@ -77,13 +79,15 @@ image_status image_read_ppm(image *out, FILE *file, const image_request *request
     return status;
 }
 
-/* Value of the channel c of a file with as many as it needs: grey repeats, a missing blue is the green. */
+/* Value of the channel c of a file with as many as it needs: grey repeats, a missing blue is the
+ * green. */
 static float pick(const float *pixel, unsigned channels, unsigned c)
 {
     return pixel[c < channels ? c : channels - 1];
 }
 
-static image_status write_channels(FILE *file, const image *img, unsigned channels, image_error *error)
+static image_status write_channels(FILE *file, const image *img, unsigned channels,
+                                   image_error *error)
 {
     unsigned char *bytes = malloc(img->width * channels);
     float *values = malloc(img->width * img->channels * sizeof *values);
@@ -97,7 +101,9 @@ static image_status write_channels(FILE *file, const image *img, unsigned channe
         for (size_t x = 0; x < img->width; x++)
             for (unsigned c = 0; c < channels; c++) {
                 float v = pick(values + x * img->channels, img->channels, c) * 255.0f;
-                bytes[x * channels + c] = (unsigned char)(v >= 255.0f ? 255 : v > 0.0f ? (int)v : 0);
+                bytes[x * channels + c] = (unsigned char)(v >= 255.0f ? 255
+                                                          : v > 0.0f  ? (int)v
+                                                                      : 0);
             }
         if (fwrite(bytes, channels, img->width, file) != img->width)
             status = image_fail(error, IMAGE_ERROR_WRITE, "%s", strerror(errno ? errno : EIO));

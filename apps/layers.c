@@ -4,40 +4,40 @@
 #include <stdio.h>
 #include <string.h>
 
-/* Layer names by role, in order of preference; "" is a layer without a name (plain R, G, B). The first
- * ones of each role are those that Open Image Denoise's toolkit knows. */
+/* Layer names by role, in order of preference; "" is a layer without a name (plain R, G, B). The
+ * first ones of each role are those that Open Image Denoise's toolkit knows. */
 static const struct {
     image_role role;
     const char *layer;
 } known[] = {
     {IMAGE_COLOR, ""},
-    {IMAGE_COLOR, "Noisy Image"},        /* Cycles */
+    {IMAGE_COLOR, "Noisy Image"}, /* Cycles */
     {IMAGE_COLOR, "Beauty"},
-    {IMAGE_COLOR, "Combined"},           /* Blender */
+    {IMAGE_COLOR, "Combined"}, /* Blender */
     {IMAGE_COLOR, "rgba"},
     {IMAGE_COLOR, "rgb"},
     {IMAGE_COLOR, "color"},
-    {IMAGE_COLOR, "C"},                  /* Karma */
-    {IMAGE_ALBEDO, "Denoising Albedo"},  /* Cycles */
-    {IMAGE_ALBEDO, "albedo"},            /* Mitsuba, pbrt, Karma, RenderMan */
+    {IMAGE_COLOR, "C"},                 /* Karma */
+    {IMAGE_ALBEDO, "Denoising Albedo"}, /* Cycles */
+    {IMAGE_ALBEDO, "albedo"},           /* Mitsuba, pbrt, Karma, RenderMan */
     {IMAGE_ALBEDO, "VisibleDiffuse"},
-    {IMAGE_ALBEDO, "DiffCol"},           /* Blender */
+    {IMAGE_ALBEDO, "DiffCol"}, /* Blender */
     {IMAGE_ALBEDO, "Diffuse Color"},
-    {IMAGE_ALBEDO, "diffuse_albedo"},    /* Arnold */
+    {IMAGE_ALBEDO, "diffuse_albedo"}, /* Arnold */
     {IMAGE_ALBEDO, "OptixAlbedo"},
-    {IMAGE_ALBEDO, "DiffuseFilter"},     /* V-Ray, Redshift */
+    {IMAGE_ALBEDO, "DiffuseFilter"}, /* V-Ray, Redshift */
     {IMAGE_ALBEDO, "VRayDiffuseFilter"},
     {IMAGE_ALBEDO, "diffuse"},
-    {IMAGE_NORMAL, "Denoising Normal"},  /* Cycles */
+    {IMAGE_NORMAL, "Denoising Normal"}, /* Cycles */
     {IMAGE_NORMAL, "normal"},
-    {IMAGE_NORMAL, "sh_normal"},         /* Mitsuba */
-    {IMAGE_NORMAL, "Ns"},                /* pbrt: shading normals */
-    {IMAGE_NORMAL, "N"},                 /* Arnold, pbrt, Karma */
-    {IMAGE_NORMAL, "Nn"},                /* RenderMan */
+    {IMAGE_NORMAL, "sh_normal"}, /* Mitsuba */
+    {IMAGE_NORMAL, "Ns"},        /* pbrt: shading normals */
+    {IMAGE_NORMAL, "N"},         /* Arnold, pbrt, Karma */
+    {IMAGE_NORMAL, "Nn"},        /* RenderMan */
     {IMAGE_NORMAL, "Normals"},
     {IMAGE_NORMAL, "VisibleNormals"},
     {IMAGE_NORMAL, "OptixNormals"},
-    {IMAGE_NORMAL, "BumpNormals"},       /* Redshift */
+    {IMAGE_NORMAL, "BumpNormals"}, /* Redshift */
     {IMAGE_NORMAL, "VRayNormals"},
 };
 #define KNOWN (sizeof known / sizeof known[0])
@@ -64,7 +64,8 @@ static int same(const char *a, const char *b, size_t n)
     return 1;
 }
 
-/* Splits a channel name: bytes of its layer part ("" for plain channels), and the component after it. */
+/* Splits a channel name: bytes of its layer part ("" for plain channels), and the component after
+ * it. */
 static size_t layer_length(const char *name, const char **component)
 {
     const char *dot = strrchr(name, '.');
@@ -90,8 +91,8 @@ static layer_match complete(size_t first, const char *const *names, size_t count
         match.channels[0] = first;
         for (unsigned c = 1; c < 3; c++)
             for (size_t i = 0; i < count; i++)
-                if (layer_length(names[i], &other) == length && same(names[i], names[first], length) &&
-                    is_component(other, components[s][c])) {
+                if (layer_length(names[i], &other) == length &&
+                    same(names[i], names[first], length) && is_component(other, components[s][c])) {
                     match.channels[c] = i;
                     found++;
                     break;
@@ -101,7 +102,8 @@ static layer_match complete(size_t first, const char *const *names, size_t count
     return match;
 }
 
-/* How the layer of a channel agrees with a name: 2 it is the name, 1 it ends in ".name", 0 not at all. */
+/* How the layer of a channel agrees with a name: 2 it is the name, 1 it ends in ".name", 0 not at
+ * all. */
 static int agreement(const char *channel, const char *layer)
 {
     const char *component;

@@ -1,4 +1,5 @@
-/* Which channels of a multilayer file are colour, albedo and normal: the names that renderers use. */
+/* Which channels of a multilayer file are colour, albedo and normal: the names that renderers use.
+ */
 #ifndef LULL_APPS_LAYERS_H
 #define LULL_APPS_LAYERS_H
 
@@ -11,14 +12,14 @@ typedef struct layer_match {
     size_t channels[3]; /* their places in the list of names, in the order R G B or X Y Z */
 } layer_match;
 
-/* Finds the layer of a role among `count` full channel names ("ViewLayer.Denoising Albedo.R"). Upper and
- * lower case are the same. Rows of the name table are tried in order, first as the whole layer name, then
- * after any prefix. A colour without any known name is the first complete R, G, B that is neither albedo
- * nor normal, or else a single grey channel. */
+/* Finds the layer of a role among `count` full channel names ("ViewLayer.Denoising Albedo.R").
+ * Upper and lower case are the same. Rows of the name table are tried in order, first as the whole
+ * layer name, then after any prefix. A colour without any known name is the first complete R, G, B
+ * that is neither albedo nor normal, or else a single grey channel. */
 layer_match layers_find(image_role role, const char *const *names, size_t count);
 
-/* Finds a layer that the user named: its name (components as above, or the channel of just that name), or
- * one to three channel names separated by commas. */
+/* Finds a layer that the user named: its name (components as above, or the channel of just that
+ * name), or one to three channel names separated by commas. */
 layer_match layers_find_named(const char *layer, const char *const *names, size_t count);
 
 /* "color", "albedo", "normal" */

@@ -100,10 +100,7 @@ int64_t platform_file_size(FILE *file)
     return fseeko(file, here, SEEK_SET) ? -1 : (int64_t)size;
 }
 
-static int create_new(const char *path)
-{
-    return open(path, O_WRONLY | O_CREAT | O_EXCL, 0666);
-}
+static int create_new(const char *path) { return open(path, O_WRONLY | O_CREAT | O_EXCL, 0666); }
 
 /* The file that a write would reach; a copy of the path itself if there is none yet. */
 static char *resolve(const char *path)

@@ -1,5 +1,6 @@
-/* What the programs need of the operating system: time, terminals, the interrupt key, memory figures and
- * output files that appear all at once. POSIX, with Windows behind the same functions. */
+/* What the programs need of the operating system: time, terminals, the interrupt key, memory
+ * figures and output files that appear all at once. POSIX, with Windows behind the same functions.
+ */
 #ifndef LULL_APPS_PLATFORM_H
 #define LULL_APPS_PLATFORM_H
 
@@ -18,21 +19,23 @@ int platform_is_terminal(FILE *stream);
 /* Most memory in bytes that this process has had resident so far; 0 if the system does not say. */
 size_t platform_peak_memory(void);
 
-/* From this call on, the first interrupt (SIGINT) only makes platform_interrupted() true; a second one
- * ends the process as usual. */
+/* From this call on, the first interrupt (SIGINT) only makes platform_interrupted() true; a second
+ * one ends the process as usual. */
 void platform_catch_interrupt(void);
 int platform_interrupted(void);
 
-/* Size in bytes of an open file, or -1 if it has none (a pipe). Leaves the position where it was. */
+/* Size in bytes of an open file, or -1 if it has none (a pipe). Leaves the position where it was.
+ */
 int64_t platform_file_size(FILE *file);
 int platform_seek(FILE *file, int64_t offset);
 
 /* 1 if path is a directory (reading one gives no useful error text on every system). */
 int platform_is_directory(const char *path);
 
-/* A file that takes its name only when it is complete: written beside the target under a temporary name,
- * and renamed by output_close. Until then an existing file of that name is untouched. Targets that are
- * not regular files (/dev/null, a pipe) are written directly. Symbolic links are followed. */
+/* A file that takes its name only when it is complete: written beside the target under a temporary
+ * name, and renamed by output_close. Until then an existing file of that name is untouched. Targets
+ * that are not regular files (/dev/null, a pipe) are written directly. Symbolic links are followed.
+ */
 typedef struct output_file {
     FILE *stream;
     char *path;      /* target, links resolved */

@@ -1,0 +1,41 @@
+#include "compare.h"
+
+#include <math.h>
+#include <string.h>
+
+uint32_t image_hash(const image *img)
+{
+    const unsigned char *bytes = img->pixels;
+    size_t n = image_bytes(img), step = img->type == IMAGE_HALF ? 2 : 4;
+    const uint16_t order = 1;
+    uint32_t hash = 0x811c9dc5u;
+    size_t flip = *(const unsigned char *)&order ? 0 : step - 1; /* big-endian machines */
+    for (size_t i = 0; i < n; i++)
+        hash = (hash ^ bytes[i ^ flip]) * 0x1000193u;
+    return hash;
+}
+
+void image_compare(comparison *result, const image *expected, const image *actual, double max_error)
+{
+    double sum = 0;
+    memset(result, 0, sizeof *result);
+    result->values = image_count(actual);
+    for (size_t i = 0; i < result->values; i++) {
+        float e = image_get(expected, i), a = image_get(actual, i);
+        float difference = fabsf(e - a);
+        float relative = difference / (fabsf(e) + fabsf(a) + 0.01f);
+        int is_good = max_error == 0 ? difference == 0 : difference <= 0.02f || relative <= 0.05f;
+        sum += relative;
+        if (is_good)
+            continue;
+        result->errors++;
+        if (result->shown < COMPARE_SHOWN) {
+            result->examples[result->shown].index = i;
+            result->examples[result->shown].expected = e;
+            result->examples[result->shown++].actual = a;
+        }
+    }
+    result->average = result->values ? sum / (double)result->values : 0;
+    if (!(result->average <= max_error))
+        result->errors = result->values;
+}

@@ -1,0 +1,36 @@
+/* Fingerprint of an image, and the comparison that Open Image Denoise's own tests use. */
+#ifndef LULL_APPS_COMPARE_H
+#define LULL_APPS_COMPARE_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#include "imageio.h"
+
+/* FNV-1a, 32 bit, of the pixels as they lie in memory: rows from top to bottom, little-endian
+ * values. */
+uint32_t image_hash(const image *img);
+
+/* Default limits of image_compare's average error. */
+#define COMPARE_MAX_ERROR 0.003       /* radiance, albedo */
+#define COMPARE_MAX_ERROR_SIGNED 0.05 /* normals, directional light maps */
+
+#define COMPARE_SHOWN 5
+
+typedef struct comparison {
+    size_t values;
+    size_t errors;  /* outliers; all values if the average is over the limit */
+    double average; /* mean of |e - a| / (|e| + |a| + 0.01) */
+    size_t shown;   /* first outliers: */
+    struct {
+        size_t index;
+        float expected, actual;
+    } examples[COMPARE_SHOWN];
+} comparison;
+
+/* Compares two images of the same size and number of channels. An outlier is a value that is
+ * neither within 0.02 nor within 5 % of the expected one (any difference if max_error is 0). */
+void image_compare(comparison *result, const image *expected, const image *actual,
+                   double max_error);
+
+#endif

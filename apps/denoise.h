@@ -1,0 +1,71 @@
+/* The parts of oidnDenoise: settings from the command line, the inputs of a frame, and denoising
+ * it. */
+#ifndef LULL_APPS_DENOISE_H
+#define LULL_APPS_DENOISE_H
+
+#include "device.h"
+#include "imageio.h"
+#include "json.h"
+#include "report.h"
+#include "sequence.h"
+
+#define MAX_OUTPUTS 8
+
+typedef struct denoise_settings {
+    device_settings device;
+    const char *filter;
+    const char *files[3];  /* color, albedo, normal (image_role); NULL: none */
+    const char *layers[3]; /* --layer, NULL: by the usual names; "none": leave it out */
+    const char *weights, *reference, *frames;
+    const char *outputs[MAX_OUTPUTS];
+    int output_count;
+    int is_hdr, is_srgb, is_directional, is_aux_clean, is_in_place;
+    int only_given; /* --no_aux: do not look for albedo and normal in the colour's file */
+    int is_json, is_checking, is_repairing, is_help, is_list;
+    int type, quality, storage, runs, max_memory;
+    float input_scale; /* NaN: not set */
+    float max_error;   /* NaN: the default of the content */
+} denoise_settings;
+
+/* Reads the command line. Returns EXIT_OK, or EXIT_USAGE after it said why. */
+exit_code denoise_parse(denoise_settings *settings, int argc, char **argv);
+void denoise_print_help(void);
+
+/* The images of one frame. */
+typedef struct denoise_inputs {
+    image images[3]; /* image_role; empty ones have no pixels */
+    char *paths[3];  /* malloc */
+    int is_found[3]; /* found in the colour's file, not asked for: may be left out again */
+    image_role main; /* the one to be denoised */
+} denoise_inputs;
+
+/* Loads and checks what the settings name, for a frame (any number if it is not a sequence), and
+ * tells what it took in text and in the JSON object. On failure everything is freed. */
+exit_code denoise_load(denoise_inputs *inputs, const denoise_settings *settings, int frame,
+                       json *report);
+void denoise_inputs_free(denoise_inputs *inputs);
+
+/* Loads another image of the main image's kind, size and channels: the reference. */
+exit_code denoise_load_reference(image *reference, const denoise_settings *settings,
+                                 const denoise_inputs *inputs, int frame);
+
+/* 1 if image values of that role are signed: normals, or directional light maps. */
+int denoise_is_signed(const denoise_settings *settings, image_role role);
+
+/* What lasts from frame to frame. */
+typedef struct denoise_session {
+    const denoise_settings *settings;
+    OIDNDevice device;
+    OIDNFilter filter;
+    void *weights; /* malloc */
+    size_t weights_size;
+    json *report;
+} denoise_session;
+
+exit_code denoise_begin(denoise_session *session, const denoise_settings *settings, json *report);
+void denoise_end(denoise_session *session);
+
+/* Loads, denoises, compares and writes a frame. */
+exit_code denoise_frame(denoise_session *session, int frame);
+
+#endif

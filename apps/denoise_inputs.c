@@ -1,0 +1,199 @@
+#include "denoise.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "doctor.h"
+#include "layers.h"
+
+int denoise_is_signed(const denoise_settings *settings, image_role role)
+{
+    return role == IMAGE_NORMAL || (role == IMAGE_COLOR && settings->is_directional);
+}
+
+void denoise_inputs_free(denoise_inputs *inputs)
+{
+    for (int i = 0; i < 3; i++) {
+        image_destroy(&inputs->images[i]);
+        free(inputs->paths[i]);
+    }
+    memset(inputs, 0, sizeof *inputs);
+}
+
+static exit_code fail(const char *path, const char *text)
+{
+    return report_error(EXIT_INPUT, "cannot read '%s': %s", path, text);
+}
+
+/* Brings the values to what the denoiser takes. Integer files hold signed values as 0.5 v + 0.5,
+ * and others by the sRGB curve. */
+static void linearise(image *img, const denoise_settings *settings, image_role role,
+                      const char *path)
+{
+    if (denoise_is_signed(settings, role)) {
+        if (image_path_is_integer(path) && img->bits)
+            image_decode_signed(img);
+    } else if (!image_path_is_linear(path) && (role == IMAGE_ALBEDO || !settings->is_srgb)) {
+        image_decode_srgb(img);
+    }
+}
+
+static int is_none(const char *layer) { return layer && !strcmp(layer, "none"); }
+
+/* Loads the file given for a role. */
+static exit_code load_given(denoise_inputs *inputs, const denoise_settings *settings,
+                            image_role role, int frame)
+{
+    image_error error;
+    image_request request = {role, settings->layers[role], 0, (image_type)settings->type, 0};
+    inputs->paths[role] = sequence_path(settings->files[role], frame);
+    if (!inputs->paths[role])
+        return fail(settings->files[role], "not enough memory");
+    if (image_read(&inputs->images[role], inputs->paths[role], &request, &error))
+        return fail(inputs->paths[role], error.text);
+    linearise(&inputs->images[role], settings, role, inputs->paths[role]);
+    return EXIT_OK;
+}
+
+/* Looks for an auxiliary layer in the colour's file. A file without one is no error, unless the
+ * layer was named. */
+static exit_code load_found(denoise_inputs *inputs, const denoise_settings *settings,
+                            image_role role, int frame)
+{
+    image_error error;
+    image_request request = {role, settings->layers[role], 1, (image_type)settings->type, 0};
+    char *path = sequence_path(settings->files[IMAGE_COLOR], frame);
+    image_status status;
+    if (!path)
+        return fail(settings->files[IMAGE_COLOR], "not enough memory");
+    status = image_read(&inputs->images[role], path, &request, &error);
+    inputs->paths[role] = path;
+    inputs->is_found[role] = !request.layer;
+    if (!status)
+        return EXIT_OK;
+    inputs->is_found[role] = 0;
+    if (status == IMAGE_ERROR_LAYER && !request.layer) {
+        free(path);
+        inputs->paths[role] = NULL;
+        return EXIT_OK;
+    }
+    return fail(path, error.text);
+}
+
+/* All images of the frame. */
+static exit_code load_all(denoise_inputs *inputs, const denoise_settings *settings, int frame)
+{
+    for (int i = 0; i < 3; i++) {
+        image_role role = (image_role)i;
+        exit_code code = EXIT_OK;
+        if (settings->files[role])
+            code = load_given(inputs, settings, role, frame);
+        else if (inputs->images[IMAGE_COLOR].is_layered && !is_none(settings->layers[role]) &&
+                 !settings->is_directional && !strcmp(settings->filter, "RT") &&
+                 (!settings->only_given || settings->layers[role]))
+            code = load_found(inputs, settings, role, frame);
+        if (code)
+            return code;
+    }
+    inputs->main = settings->files[IMAGE_COLOR]    ? IMAGE_COLOR
+                   : settings->files[IMAGE_ALBEDO] ? IMAGE_ALBEDO
+                                                   : IMAGE_NORMAL;
+    return EXIT_OK;
+}
+
+static exit_code check_sizes(const denoise_inputs *inputs)
+{
+    const image *main = &inputs->images[inputs->main];
+    for (int i = 0; i < 3; i++) {
+        const image *img = &inputs->images[i];
+        if (img->pixels && (img->width != main->width || img->height != main->height))
+            return report_error(EXIT_INPUT, "'%s' has %zux%zu pixels, but '%s' has %zux%zu",
+                                inputs->paths[i], img->width, img->height,
+                                inputs->paths[inputs->main], main->width, main->height);
+    }
+    return EXIT_OK;
+}
+
+/* An image without a single number would come out black: say so instead. */
+static exit_code check_finite(const denoise_inputs *inputs)
+{
+    const image *main = &inputs->images[inputs->main];
+    for (size_t i = 0, n = image_count(main); i < n; i++)
+        if (isfinite(image_get(main, i)))
+            return EXIT_OK;
+    return fail(inputs->paths[inputs->main], "it has no finite value (only NaN or infinity)");
+}
+
+static void tell(const denoise_inputs *inputs, json *report)
+{
+    const image *main = &inputs->images[inputs->main];
+    for (int i = 0; i < 3; i++) {
+        const image *img = &inputs->images[i];
+        const char *role = layers_role_name((image_role)i);
+        if (!img->pixels)
+            continue;
+        json_open(report, role, '{');
+        json_text(report, "file", inputs->paths[i]);
+        if (img->is_layered) {
+            report_line("  %s=%s (%s", role, inputs->paths[i], img->names[0]);
+            for (unsigned c = 1; c < img->channels; c++)
+                report_line(" %s", img->names[c]);
+            report_line(")\n");
+            json_open(report, "layer", '[');
+            for (unsigned c = 0; c < img->channels; c++)
+                json_text(report, NULL, img->names[c]);
+            json_close(report, ']');
+        }
+        json_text(report, "type", img->type == IMAGE_HALF ? "half" : "float");
+        json_close(report, '}');
+    }
+    report_line("Resolution: %zux%zu\n", main->width, main->height);
+    json_number(report, "width", (double)main->width);
+    json_number(report, "height", (double)main->height);
+    json_number(report, "channels", main->channels);
+}
+
+exit_code denoise_load(denoise_inputs *inputs, const denoise_settings *settings, int frame,
+                       json *report)
+{
+    exit_code code;
+    memset(inputs, 0, sizeof *inputs);
+    code = load_all(inputs, settings, frame);
+    if (!code)
+        code = check_sizes(inputs);
+    if (!code)
+        code = check_finite(inputs);
+    if (code)
+        denoise_inputs_free(inputs);
+    else
+        tell(inputs, report);
+    return code;
+}
+
+exit_code denoise_load_reference(image *reference, const denoise_settings *settings,
+                                 const denoise_inputs *inputs, int frame)
+{
+    const image *main = &inputs->images[inputs->main];
+    image_request request = {inputs->main, NULL, 0, IMAGE_FLOAT, 0};
+    image_error error;
+    exit_code code = EXIT_OK;
+    char *path = sequence_path(settings->reference, frame);
+    if (!path)
+        return fail(settings->reference, "not enough memory");
+    if (image_read(reference, path, &request, &error)) {
+        code = fail(path, error.text);
+    } else if (reference->width != main->width || reference->height != main->height ||
+               reference->channels != main->channels) {
+        code = report_error(
+            EXIT_INPUT,
+            "the reference '%s' has %zux%zu pixels of %u channels, but '%s' has %zux%zu of %u",
+            path, reference->width, reference->height, reference->channels,
+            inputs->paths[inputs->main], main->width, main->height, main->channels);
+        image_destroy(reference);
+    } else {
+        linearise(reference, settings, inputs->main, path);
+    }
+    free(path);
+    return code;
+}

@@ -1,0 +1,216 @@
+#include "denoise.h"
+
+#include <limits.h>
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+typedef denoise_settings S;
+
+static int set_device(void *settings, const char *const *v)
+{
+    return device_parse(&((S *)settings)->device, v[0]);
+}
+
+static int set_hdr(void *settings, const char *const *v)
+{
+    S *s = settings;
+    s->files[IMAGE_COLOR] = v[0];
+    s->is_hdr = 1;
+    return 0;
+}
+
+static int set_ldr(void *settings, const char *const *v)
+{
+    S *s = settings;
+    s->files[IMAGE_COLOR] = v[0];
+    s->is_hdr = 0;
+    return 0;
+}
+
+static int set_directional(void *settings, const char *const *v)
+{
+    S *s = settings;
+    s->files[IMAGE_COLOR] = v[0];
+    s->is_directional = 1;
+    return 0;
+}
+
+/* An argument without dashes: the image to denoise; what it holds is told by its extension. */
+static int set_positional(void *settings, const char *path)
+{
+    S *s = settings;
+    if (s->files[IMAGE_COLOR])
+        return 1;
+    s->files[IMAGE_COLOR] = path;
+    s->is_hdr = image_path_is_linear(path);
+    return 0;
+}
+
+static int add_output(void *settings, const char *const *v)
+{
+    S *s = settings;
+    if (s->output_count == MAX_OUTPUTS || !v[0][0])
+        return 1;
+    s->outputs[s->output_count++] = v[0];
+    return 0;
+}
+
+/* ROLE=LAYER */
+static int set_layer(void *settings, const char *const *v)
+{
+    static const option_word roles[] = {{"color colour hdr ldr", IMAGE_COLOR},
+                                        {"albedo alb", IMAGE_ALBEDO},
+                                        {"normal nrm", IMAGE_NORMAL},
+                                        {NULL, 0}};
+    S *s = settings;
+    char role[16];
+    size_t length = strcspn(v[0], "=");
+    int index;
+    if (length >= sizeof role || !v[0][length] || !v[0][length + 1])
+        return 1;
+    memcpy(role, v[0], length);
+    role[length] = 0;
+    index = option_word_value(roles, role);
+    if (index < 0)
+        return 1;
+    s->layers[index] = v[0] + length + 1;
+    return 0;
+}
+
+#define AT(field) offsetof(S, field)
+#define HEADING(text)                                          \
+    {                                                          \
+        OPTION_HEADING, "", 0, 0, 0, NULL, NULL, 0, NULL, text \
+    }
+#define FLAG(names, field, value, help)                                    \
+    {                                                                      \
+        OPTION_FLAG, names, AT(field), value, 0, NULL, NULL, 0, NULL, help \
+    }
+#define INT(names, field, low, high, argument, help)                           \
+    {                                                                          \
+        OPTION_INT, names, AT(field), low, high, NULL, NULL, 1, argument, help \
+    }
+#define FLOAT(names, field, argument, help)                                 \
+    {                                                                       \
+        OPTION_FLOAT, names, AT(field), 0, 0, NULL, NULL, 1, argument, help \
+    }
+#define TEXT(names, field, argument, help)                                 \
+    {                                                                      \
+        OPTION_TEXT, names, AT(field), 0, 0, NULL, NULL, 1, argument, help \
+    }
+#define WORD(names, field, words, argument, help)                           \
+    {                                                                       \
+        OPTION_WORD, names, AT(field), 0, 0, words, NULL, 1, argument, help \
+    }
+#define CALL(names, function, argument, help)                          \
+    {                                                                  \
+        OPTION_CALL, names, 0, 0, 0, NULL, function, 1, argument, help \
+    }
+
+static const option table[] = {
+    HEADING("images"),
+    CALL("hdr", set_hdr, "FILE", "colour with high dynamic range"),
+    CALL("ldr", set_ldr, "FILE", "colour in [0, 1]"),
+    CALL("dir", set_directional, "FILE", "directional light map in [-1, 1]"),
+    FLAG("srgb", is_srgb, 1, "--ldr is sRGB-encoded: values are taken and written as they are"),
+    TEXT("alb albedo", files[IMAGE_ALBEDO], "FILE", "albedo in [0, 1]"),
+    TEXT("nrm normal", files[IMAGE_NORMAL], "FILE", "normals in [-1, 1]"),
+    FLAG("clean_aux clean-aux cleanAux cleanaux", is_aux_clean, 1,
+         "albedo and normals have no noise"),
+    CALL("layer layers", set_layer, "ROLE=NAME",
+         "layer that is color, albedo or normal: its name, channels a,b,c, or none"),
+    FLAG("no_aux no-aux noAux noaux", only_given, 1,
+         "use no albedo and normals but those of --alb and --nrm"),
+    CALL("o out output", add_output, "FILE", "where to write; may be given several times"),
+    TEXT("frames", frames, "LIST", "1-240 or 1,5,10-20x2: for names with #### or %04d"),
+
+    HEADING("denoising"),
+    TEXT("f filter", filter, "RT|RTLightmap", "filter (RT)"),
+    WORD("q quality", quality, device_qualities, "default|h|high|b|balanced|f|fast",
+         "quality (high)"),
+    FLOAT("is input_scale input-scale inputScale inputscale", input_scale, "X",
+          "scale of the colour (chosen from the image)"),
+    WORD("t type", type, device_types, "float|half", "values in memory (as in the file)"),
+    TEXT("w weights", weights, "FILE.tza", "network weights (the built-in ones)"),
+    CALL("d dev device", set_device, "N|default|cpu|sycl|cuda|hip|metal", "device"),
+    INT("threads", device.threads, 0, INT_MAX, "N", "threads (all)"),
+    INT("affinity", device.affinity, 0, 1, "0|1", "bind threads to cores"),
+    INT("maxmem maxMemoryMB maxmemorymb", max_memory, INT_MIN, INT_MAX, "MB",
+        "memory to keep within"),
+    FLAG("inplace in_place in-place", is_in_place, 1, "denoise within the memory of the input"),
+    WORD("buffer", storage, device_storages, "host|device|managed", "where images are kept"),
+
+    HEADING("checks and reports"),
+    TEXT("r ref reference", reference, "FILE", "compare the result with this image"),
+    FLOAT("maxerror maxError max_error maxerr max-error", max_error, "E",
+          "average error that --ref allows (0.003; 0.05 for normals)"),
+    INT("n", runs, 1, INT_MAX, "N", "denoise N times; all must give the same bytes"),
+    FLAG("check", is_checking, 1,
+         "say what looks wrong with the inputs; without -o do nothing else"),
+    FLAG("repair", is_repairing, 1, "mend what --check finds and can be mended"),
+    FLAG("json", is_json, 1, "print one JSON object instead of text"),
+    INT("v verbose", device.verbose, 0, 4, "0-3", "messages of the library"),
+    FLAG("ld list_devices list-devices listDevices listdevices", is_list, 1, "list the devices"),
+    FLAG("h help", is_help, 1, "this text"),
+};
+#define OPTIONS (sizeof table / sizeof table[0])
+
+void denoise_print_help(void)
+{
+    printf(
+        "oidnDenoise: removes noise from path-traced images\n"
+        "usage: oidnDenoise [IMAGE] [--hdr IMAGE] [--alb ALBEDO] [--nrm NORMAL] [-o OUTPUT] ...\n"
+        "\n"
+        "Reads and writes OpenEXR, PFM, PHM, PNG, Radiance HDR, PPM and PGM. Albedo and normals "
+        "are taken\n"
+        "from the layers of a multilayer EXR; its other layers and metadata are kept in an EXR "
+        "output.\n");
+    options_print(table, OPTIONS);
+    printf("\nExit codes: 0 done, 1 usage, 2 input, 3 denoising or comparison, 4 output, 130 "
+           "interrupted.\n");
+}
+
+static void set_defaults(S *s)
+{
+    memset(s, 0, sizeof *s);
+    s->device = device_settings_default();
+    s->filter = "RT";
+    s->runs = 1;
+    s->max_memory = -1;
+    s->storage = STORAGE_SHARED;
+    s->quality = -1;
+    s->input_scale = s->max_error = NAN;
+}
+
+/* Combinations that no filter could make sense of. */
+static exit_code validate(const S *s)
+{
+    image_error error;
+    if (!s->files[0] && !s->files[1] && !s->files[2])
+        return report_error(EXIT_USAGE, "no input image specified");
+    if (s->is_hdr && s->is_srgb)
+        return report_error(EXIT_USAGE, "--srgb does not go with --hdr: HDR images are linear");
+    if (!s->files[IMAGE_COLOR] && s->files[IMAGE_ALBEDO] && s->files[IMAGE_NORMAL])
+        return report_error(EXIT_USAGE,
+                            "albedo and normals cannot be denoised together without a colour");
+    for (int i = 0; i < s->output_count; i++)
+        if (image_check_writable(s->outputs[i], &error))
+            return report_error(EXIT_OUTPUT, "cannot write '%s': %s", s->outputs[i], error.text);
+    if (s->frames) {
+        for (int i = 0; i < s->output_count; i++)
+            if (!sequence_is_pattern(s->outputs[i]))
+                return report_error(
+                    EXIT_USAGE, "with --frames, the output '%s' needs #### or %%04d in its name",
+                    s->outputs[i]);
+    }
+    return EXIT_OK;
+}
+
+exit_code denoise_parse(denoise_settings *settings, int argc, char **argv)
+{
+    set_defaults(settings);
+    if (options_parse(table, OPTIONS, settings, set_positional, argc, argv))
+        return EXIT_USAGE;
+    return settings->is_help || settings->is_list ? EXIT_OK : validate(settings);
+}

@@ -1,0 +1,65 @@
+/* Devices of the denoising API, as the programs' options choose them. */
+#ifndef LULL_APPS_DEVICE_H
+#define LULL_APPS_DEVICE_H
+
+#include <OpenImageDenoise/oidn.h>
+
+#include "imageio.h"
+#include "options.h"
+
+typedef struct device_settings {
+    int type;     /* OIDNDeviceType, or -1: by id */
+    int id;       /* physical device */
+    int threads;  /* 0: all */
+    int affinity; /* -1: as the library likes */
+    int verbose;  /* -1: not set */
+} device_settings;
+
+device_settings device_settings_default(void);
+
+/* OPTION_CALL of -d: stores a type's name or a device number in the device_settings. 0 if it is
+ * valid. */
+int device_parse(device_settings *settings, const char *text);
+
+extern const option_word device_qualities[]; /* OIDNQuality */
+extern const option_word device_types[];     /* image_type: what float and half are called */
+
+/* A committed device. NULL: the error is reported (report.h). */
+OIDNDevice device_open(const device_settings *settings);
+
+/* "2.5.1" of a device, and the name of its type. */
+const char *device_version(OIDNDevice device, char text[32]);
+const char *device_type_name(OIDNDevice device);
+
+/* Prints the physical devices as Open Image Denoise's programs do. */
+void device_print_list(void);
+
+/* Format of an image's pixels. */
+OIDNFormat device_format(const image *img);
+
+/* An image's memory as the device sees it: the image's own, or a buffer. */
+typedef enum device_storage {
+    STORAGE_SHARED, /* the image's own memory */
+    STORAGE_HOST,
+    STORAGE_DEVICE,
+    STORAGE_MANAGED
+} device_storage;
+
+extern const option_word device_storages[];
+
+typedef struct device_image {
+    image *img;
+    OIDNBuffer buffer; /* NULL: shared */
+    OIDNFormat format;
+} device_image;
+
+/* Makes the image known to the device. Devices that cannot read system memory get a buffer in any
+ * case. Without STORAGE_SHARED the pixels must be moved with _upload and _download. Returns 0, or
+ * -1 with the device's error pending. */
+int device_image_init(device_image *out, OIDNDevice device, image *img, device_storage storage);
+void device_image_upload(const device_image *view);
+void device_image_download(const device_image *view);
+void device_image_set(const device_image *view, OIDNFilter filter, const char *name);
+void device_image_free(device_image *view);
+
+#endif

@@ -1,0 +1,35 @@
+#include "report.h"
+
+#include <stdarg.h>
+#include <stdio.h>
+
+static char last_error[1024];
+static int is_quiet;
+
+exit_code report_error(exit_code code, const char *format, ...)
+{
+    va_list arguments;
+    va_start(arguments, format);
+    vsnprintf(last_error, sizeof last_error, format, arguments);
+    va_end(arguments);
+    for (char *c = last_error; *c; c++)
+        if ((unsigned char)*c < ' ')
+            *c = ' ';
+    fflush(stdout);
+    fprintf(stderr, "Error: %s\n", last_error);
+    return code;
+}
+
+const char *report_last_error(void) { return last_error; }
+void report_be_quiet(void) { is_quiet = 1; }
+
+void report_line(const char *format, ...)
+{
+    va_list arguments;
+    if (is_quiet)
+        return;
+    va_start(arguments, format);
+    vprintf(format, arguments);
+    va_end(arguments);
+    fflush(stdout);
+}

@@ -1,0 +1,31 @@
+/* Messages and exit codes of the programs. */
+#ifndef LULL_APPS_REPORT_H
+#define LULL_APPS_REPORT_H
+
+typedef enum exit_code {
+    EXIT_OK = 0,
+    EXIT_USAGE = 1,        /* wrong options, or help was asked for */
+    EXIT_INPUT = 2,        /* an input is unreadable or unsupported */
+    EXIT_DENOISE = 3,      /* the denoiser reported an error, or its result failed a check */
+    EXIT_OUTPUT = 4,       /* an output cannot be written */
+    EXIT_INTERRUPTED = 130 /* by SIGINT */
+} exit_code;
+
+#if defined(__GNUC__)
+#define REPORT_PRINTF(text, first) __attribute__((format(printf, text, first)))
+#else
+#define REPORT_PRINTF(text, first)
+#endif
+
+/* Prints "Error: ..." to stderr as one line, and remembers it. Returns the code. */
+exit_code report_error(exit_code code, const char *format, ...) REPORT_PRINTF(2, 3);
+
+/* The last error's text, "" if there was none. */
+const char *report_last_error(void);
+
+/* Prints to stdout unless report_be_quiet was called (for --json, whose object stands there alone).
+ */
+void report_line(const char *format, ...) REPORT_PRINTF(1, 2);
+void report_be_quiet(void);
+
+#endif
