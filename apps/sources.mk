@@ -1,6 +1,6 @@
 # The programs. Makefile and meson.build read this file: plain assignments only, paths from the top of
 # the tree.
-APPS :=
+APPS := oidnDenoise
 APP_COMMON_SOURCES := apps/device.c apps/exr_file.c apps/exr_keep.c apps/imageio.c \
                       apps/imageio_exr.c apps/imageio_hdr.c apps/imageio_pfm.c apps/imageio_png.c \
                       apps/imageio_ppm.c apps/json.c apps/layers.c apps/options.c apps/platform.c \
