@@ -69,7 +69,7 @@ def write_onnx(path: Path, model: DirectNet, height: int, width: int, params: bo
     for layer in model.net.layers:
         source = names[layer.source]
         if layer.up == 2:
-            nodes.append(_node("Resize", [source, "", "scales"], f"{layer.name}.up", mode="nearest",
+            nodes.append(_node("Resize", [source, "roi", "scales"], f"{layer.name}.up", mode="nearest",
                                coordinate_transformation_mode="asymmetric", nearest_mode="floor"))
             source = f"{layer.name}.up"
         if layer.skip:
@@ -88,7 +88,7 @@ def write_onnx(path: Path, model: DirectNet, height: int, width: int, params: bo
         names[layer.name] = out
     tensors = {k: v.detach().cpu().numpy().astype(dtype) for k, v in model.state_dict().items()}
     graph = b"".join(_field(1, n) for n in nodes) + _field(2, model.net.name)
-    graph += _field(5, _tensor("scales", scales))
+    graph += _field(5, _tensor("roi", scales[:0])) + _field(5, _tensor("scales", scales))
     inputs = [_value("input", (1, model.inputs, height, width), kind)]
     for name, array in tensors.items():
         if params:

@@ -7,6 +7,12 @@ Prints the summary of the data set and one line per finding; the status is 3 if 
 """
 from __future__ import annotations
 
+if __name__ == "__main__" and not __package__:  # run as a file: go on as a module
+    import runpy
+    import sys
+    sys.path[0] = __file__.rpartition("training")[0] or ".."
+    sys.exit(runpy.run_module("training.doctor", run_name="__main__", alter_sys=True))
+
 from collections.abc import Iterator
 from pathlib import Path
 

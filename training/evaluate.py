@@ -12,6 +12,12 @@ the difference to ours must be within its own tolerance. The tables go between t
 """
 from __future__ import annotations
 
+if __name__ == "__main__" and not __package__:  # run as a file: go on as a module
+    import runpy
+    import sys
+    sys.path[0] = __file__.rpartition("training")[0] or ".."
+    sys.exit(runpy.run_module("training.evaluate", run_name="__main__", alter_sys=True))
+
 import argparse
 import json
 from dataclasses import dataclass

@@ -87,7 +87,9 @@ def encode(images: dict[str, np.ndarray], main: str, transfer: str,
         if feature in SIGNED:
             image = image * 0.5 + 0.5
         if feature == main:
-            image = color.TRANSFERS[transfer].forward(image * np.float32(exposure))
+            with np.errstate(over="ignore"):
+                image = np.minimum(image * np.float32(exposure), FLT_MAX)
+            image = color.TRANSFERS[transfer].forward(image)
         elif feature == "z":
             image = color.log_forward(image)
         parts.append(image)

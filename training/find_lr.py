@@ -7,6 +7,12 @@ Prints a suggestion for --max_lr: a third of the rate at the lowest smoothed los
 """
 from __future__ import annotations
 
+if __name__ == "__main__" and not __package__:  # run as a file: go on as a module
+    import runpy
+    import sys
+    sys.path[0] = __file__.rpartition("training")[0] or ".."
+    sys.exit(runpy.run_module("training.find_lr", run_name="__main__", alter_sys=True))
+
 import csv
 import math
 from pathlib import Path

@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 import struct
 import zlib
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from collections.abc import Iterator
 
@@ -32,7 +32,8 @@ def replacing(path: Path) -> Iterator[Path]:
     except OSError as e:
         raise ToolError(f"{path}: cannot write ({e.strerror or e})", OUTPUT) from e
     finally:
-        tmp.unlink(missing_ok=True)
+        with suppress(OSError):
+            tmp.unlink(missing_ok=True)
 
 
 def _openexr():
@@ -60,7 +61,7 @@ def read_exr_channels(path: Path) -> dict[str, np.ndarray]:
         raise ToolError(f"{path}: cannot read ({str(e).splitlines()[0] if str(e) else e!r})",
                         DATA) from e
     if not channels:
-        raise ToolError(f"{path}: holds no channels", DATA)
+        raise ToolError(f"{path}: cannot read (truncated, or no channels)", DATA)
     return channels
 
 

@@ -67,7 +67,7 @@ def _unfilter(rows: np.ndarray, size: int) -> np.ndarray:
     return out[1:].copy()
 
 
-def _unfilter_slow(kind: int, line: np.ndarray, up: np.ndarray, size: int) -> bytes:
+def _unfilter_slow(kind: int, line: np.ndarray, up: np.ndarray, size: int) -> np.ndarray:
     """Average (3) and Paeth (4) filters, byte by byte."""
     above, result = up.tobytes(), bytearray(line.tobytes())
     for i in range(len(result)):
@@ -80,7 +80,7 @@ def _unfilter_slow(kind: int, line: np.ndarray, up: np.ndarray, size: int) -> by
             pa, pb, pc = abs(b - c), abs(a - c), abs(a + b - 2 * c)
             guess = a if pa <= pb and pa <= pc else b if pb <= pc else c
         result[i] = (result[i] + guess) & 255
-    return bytes(result)
+    return np.frombuffer(result, np.uint8)
 
 
 def write_png(path: Path, image: np.ndarray) -> None:

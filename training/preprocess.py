@@ -6,6 +6,12 @@
 """
 from __future__ import annotations
 
+if __name__ == "__main__" and not __package__:  # run as a file: go on as a module
+    import runpy
+    import sys
+    sys.path[0] = __file__.rpartition("training")[0] or ".."
+    sys.exit(runpy.run_module("training.preprocess", run_name="__main__", alter_sys=True))
+
 import hashlib
 import json
 import os
@@ -43,7 +49,7 @@ def preprocess(settings: Settings, name: str, prefilters: list[Prefilter]) -> Pa
     found = scan(Path(settings.data_dir) / name, settings.features,
                  settings.features if settings.clean_aux else [settings.main_feature])
     print("\n".join(found.summary()))
-    folder = Path(settings.preproc_dir) / f"{name}.{_suffix(settings, found)}"
+    folder = Path(settings.preproc_dir) / f"{name}.{_suffix(settings, name, found)}"
     if (folder / "config.json").exists():
         print(f"{folder}: done already")
         return folder
@@ -71,10 +77,14 @@ def preprocess(settings: Settings, name: str, prefilters: list[Prefilter]) -> Pa
     return folder
 
 
-def _suffix(settings: Settings, found: Scan) -> str:
+def _suffix(settings: Settings, name: str, found: Scan) -> str:
     """A new id per run; for shards one that all parts of the same work agree on."""
     if not settings.shard:
-        return unique_id()
+        uid, count = unique_id(), 0
+        while (Path(settings.preproc_dir) / f"{name}.{uid}").exists():
+            count += 1  # a second set within a second, in one process
+            uid = f"{unique_id()}.{count}"
+        return uid
     keys = ("features", "transfer", "clean_aux", "aux_results", "layers")
     text = json.dumps([settings.get(k) for k in keys] + [g.name for g in found.groups])
     digest = hashlib.sha256(text.encode()).hexdigest()[:8]

@@ -7,6 +7,12 @@ Writes <stem>.<feature>.exr beside the input. Features without channels are name
 """
 from __future__ import annotations
 
+if __name__ == "__main__" and not __package__:  # run as a file: go on as a module
+    import runpy
+    import sys
+    sys.path[0] = __file__.rpartition("training")[0] or ".."
+    sys.exit(runpy.run_module("training.split_exr", run_name="__main__", alter_sys=True))
+
 from pathlib import Path
 
 import numpy as np

@@ -5,6 +5,12 @@
 """
 from __future__ import annotations
 
+if __name__ == "__main__" and not __package__:  # run as a file: go on as a module
+    import runpy
+    import sys
+    sys.path[0] = __file__.rpartition("training")[0] or ".."
+    sys.exit(runpy.run_module("training.visualize", run_name="__main__", alter_sys=True))
+
 import subprocess
 import sys
 

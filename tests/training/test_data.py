@@ -1,0 +1,333 @@
+"""Image files, features, preprocessed sets, batches and augmentation."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from export.tza import Reader
+from tests.training.tools import make_raw, noisy, picture, write_features
+from training import color, preprocess
+from training.data import Augment, Batches, Picture, load_group, shuffle
+from training.errors import ToolError
+from training.features import encode, load
+from training.imageio import read_image, write_exr, write_image
+from training.scan import CHANNELS, scan
+from training.settings import parse
+from training.store import find_stored, read_pictures
+
+F = ["hdr", "alb", "nrm"]
+
+
+@pytest.mark.parametrize("ext,tolerance", [("exr", 0), ("pfm", 0), ("phm", 1e-3), ("hdr", 1e-2),
+                                           ("png", 2e-3)])
+@pytest.mark.parametrize("channels", [1, 3])
+def test_image_round_trip(tmp_path, ext, tolerance, channels):
+    image = np.random.default_rng(0).random((11, 17, channels)).astype(np.float32)
+    write_image(tmp_path / f"x.{ext}", image)
+    again = read_image(tmp_path / f"x.{ext}")[..., :channels]
+    assert again.shape == image.shape and np.abs(again - image).max() <= tolerance
+    assert [p.name for p in tmp_path.iterdir()] == [f"x.{ext}"]  # no temporary file stays
+
+
+def test_png_filters_and_depths(tmp_path):
+    """Every scan line filter, 16 bit, palette: built by hand."""
+    import struct
+    import zlib
+    rng = np.random.default_rng(1)
+    image = rng.integers(0, 256, (5, 4, 3), np.uint8)
+    flat = image.reshape(5, 12).astype(int)
+    rows = b""
+    for y in range(5):
+        up = flat[y - 1] if y else np.zeros(12, int)
+        left = np.concatenate([np.zeros(3, int), flat[y][:-3]])
+        corner = np.concatenate([np.zeros(3, int), up[:-3]])
+        p = left + up - corner
+        pa, pb, pc = abs(p - left), abs(p - up), abs(p - corner)
+        paeth = np.where((pa <= pb) & (pa <= pc), left, np.where(pb <= pc, up, corner))
+        guess = [np.zeros(12, int), left, up, (left + up) // 2, paeth][y]
+        rows += bytes([y]) + ((flat[y] - guess) % 256).astype(np.uint8).tobytes()
+
+    def png(depth, kind, data, extra=b""):
+        def chunk(name, body):
+            return struct.pack(">I", len(body)) + name + body + b"\0\0\0\0"
+        head = struct.pack(">IIBBBBB", 4, 5, depth, kind, 0, 0, 0)
+        return (b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + extra
+                + chunk(b"IDAT", zlib.compress(data)) + chunk(b"IEND", b""))
+
+    (tmp_path / "a.png").write_bytes(png(8, 2, rows))
+    assert np.array_equal(read_image(tmp_path / "a.png"), image.astype(np.float32) / 255)
+    wide = rng.integers(0, 65536, (5, 4, 1)).astype(">u2")
+    data = b"".join(b"\0" + row.tobytes() for row in wide)
+    (tmp_path / "b.png").write_bytes(png(16, 0, data))
+    assert np.array_equal(read_image(tmp_path / "b.png"), wide.astype(np.float32) / 65535)
+
+
+@pytest.mark.parametrize("name,data", [
+    ("a.exr", b"no exr"), ("b.exr", b""), ("c.pfm", b"PF\n4 4\n-1.0\n123"),
+    ("d.pfm", b"XX\n1 1\n1"),
+    ("e.hdr", b"#?RADIANCE\n\n-Y 2 +X 9\n\2\2\0\11\x85"), ("f.png", b"\x89PNG\r\n\x1a\n\0\0"),
+    ("g.png", b"GIF"), ("h.xyz", b""), ("missing.exr", None)])
+def test_broken_images_are_one_line(tmp_path, name, data):
+    if data is not None:
+        (tmp_path / name).write_bytes(data)
+    with pytest.raises(ToolError) as caught:
+        read_image(tmp_path / name)
+    assert name in str(caught.value) and "\n" not in str(caught.value) and caught.value.code == 3
+
+
+def test_truncated_exr(tmp_path):
+    write_image(tmp_path / "a.exr", np.random.default_rng(0).random((40, 40, 3)))
+    whole = (tmp_path / "a.exr").read_bytes()
+    (tmp_path / "a.exr").write_bytes(whole[:len(whole) // 2])
+    with pytest.raises(ToolError, match="cannot read"):
+        read_image(tmp_path / "a.exr")
+
+
+def test_unwritable_output(tmp_path):
+    (tmp_path / "file").touch()
+    with pytest.raises(ToolError) as caught:
+        write_image(tmp_path / "file" / "x.exr", np.zeros((2, 2, 3)))
+    assert caught.value.code == 5
+
+
+def test_features_are_cleaned_and_encoded(tmp_path):
+    hdr = np.array([[[np.nan, -1, np.inf], [0.5, 1, 2]]], np.float32)
+    alb = np.array([[[2, -1, 0.5]] * 2], np.float32)
+    nrm = np.array([[[-1, 0, 3]] * 2], np.float32)
+    write_features(tmp_path, "a_4", {"hdr": hdr, "alb": alb, "nrm": nrm})
+    write_features(tmp_path, "a_ref", {"hdr": hdr})
+    images = load(scan(tmp_path, F, ["hdr"]).groups[0].inputs[0], F)
+    assert images["hdr"][0, 0, :2].tolist() == [0, 0] and np.isfinite(images["hdr"]).all()
+    assert images["alb"][0, 0].tolist() == [1, 0, 0.5]
+    codes = encode(images, "hdr", "pu", 2.0)
+    assert codes.shape == (1, 2, 9)
+    assert codes[0, 1, 1] == pytest.approx(float(color.pu_forward(np.array(2.0))), rel=1e-5)
+    assert codes[0, 0, 6:].tolist() == [0, 0.5, 1]
+
+
+def test_multichannel_file_is_the_same_as_split_files(tmp_path):
+    clean = picture(0)
+    write_features(tmp_path / "split", "a_4", clean)
+    write_features(tmp_path / "split", "a_ref", clean)
+    names = ("R", "G", "B", "Denoising Albedo.R", "Denoising Albedo.G", "Denoising Albedo.B",
+             "mine.X", "mine.Y", "mine.Z")
+    (tmp_path / "multi").mkdir()
+    for stem in ("a_4", "a_ref"):
+        write_exr(tmp_path / "multi" / f"{stem}.exr", np.concatenate(list(clean.values()), -1),
+                  names)
+    one, two = (scan(tmp_path / d, F).groups[0] for d in ("split", "multi"))
+    a = load_group(one, F, "hdr", "pu")
+    b = load_group(two, F, "hdr", "pu", layers={"nrm": "mine"})
+    assert np.array_equal(a.inputs[0], b.inputs[0]) and np.array_equal(a.target, b.target)
+    with pytest.raises(ToolError, match="no channels for 'nrm'.*--layers"):
+        load_group(two, F, "hdr", "pu")
+
+
+def test_png_inputs_for_ldr(tmp_path):
+    ldr = np.clip(picture(1)["alb"], 0, 1)
+    for stem in ("a_4", "a_ref"):
+        write_image(tmp_path / f"{stem}.ldr.png", color.srgb_forward(ldr))
+    group = scan(tmp_path, ["ldr"]).groups[0]
+    codes = load_group(group, ["ldr"], "ldr", "srgb").target
+    assert np.abs(codes - color.srgb_forward(ldr)).max() < 5e-3
+
+
+def test_sizes_must_agree(tmp_path):
+    make_raw(tmp_path, 1, spp=(4,))
+    write_features(tmp_path / "scene0", "view0_8", picture(0, 32, 64))
+    with pytest.raises(ToolError, match="64x32 pixels, its reference has 64x48"):
+        load_group(scan(tmp_path, ["hdr"]).groups[0], ["hdr"], "hdr", "pu")
+
+
+def test_preprocessed_set(raw, work, capsys):
+    """Layout of the files, the channels of input and target, and reading it back."""
+    preprocess.main(["hdr", "albedo", "nrm", "-f", "RT", "-D", str(raw), "-t", "train"])
+    (folder,) = Path("preproc").iterdir()
+    assert folder.name.startswith("train.")
+    images, samples = Reader(folder / "images.tza"), json.loads(
+        (folder / "samples.json").read_text())
+    assert len(samples) == 10 and samples[0] == ["scene0/view0_0001spp", "scene0/view0_ref"]
+    source, target = (images[n] for n in samples[0])
+    assert source.shape == (48, 64, 9) and target.shape == (48, 64, 3)
+    assert source.dtype == np.float16 and images.layouts[samples[0][0]] == "hwc"
+    clean = picture(0)["hdr"]
+    want = color.pu_forward(clean * color.autoexposure(clean))
+    assert np.abs(target - want).max() < 1e-3
+    config = json.loads((folder / "config.json").read_text())
+    assert config["features"] == F and config["transfer"] == "pu"
+    assert "5 groups, 10 (input, target) pairs" in capsys.readouterr().out
+
+    preprocess.main(["hdr", "-f", "RT", "-D", str(raw), "-t", "train"])
+    two = parse("train", ["hdr", "-t", "train"])
+    assert find_stored(two, "train").features == ["hdr"]  # fewest channels
+    three = parse("train", ["hdr", "nrm", "-t", "train"])
+    pictures = read_pictures(find_stored(three, "train"), three.features, "hdr", False)
+    assert pictures[0].inputs[0].shape == (48, 64, 6)
+    assert np.array_equal(pictures[0].inputs[0][..., 3:], source[..., 6:])
+    log = parse("train", ["hdr", "-t", "train", "-x", "log"])
+    with pytest.raises(ToolError, match="no matching preprocessed data set 'train'"):
+        find_stored(log, "train")
+    (folder / "config.json").unlink()  # incomplete: ignored
+    with pytest.raises(ToolError):
+        find_stored(three, "train")
+
+
+def test_clean_aux_set(raw, work):
+    preprocess.main(["hdr", "alb", "--clean_aux", "-D", str(raw), "-t", "valid"])
+    s = parse("train", ["hdr", "alb", "--clean_aux", "-t", "valid", "--ts", "32", "-s", "1"])
+    pictures = read_pictures(find_stored(s, "valid"), s.features, "hdr", True)
+    assert pictures[0].inputs[0].shape[-1] == 3 and pictures[0].target.shape[-1] == 6
+    x, y = Batches(pictures, s.features, "hdr", "pu", 2, 32, 1, clean_aux=True)[0]
+    assert x.shape == (2, 6, 32, 32) and y.shape == (2, 3, 32, 32)
+
+
+def test_shards_are_the_whole_set_and_resume(raw, work, capsys):
+    args = ["hdr", "alb", "nrm", "-D", str(raw), "-t", "train"]
+    preprocess.main([*args, "--shard", "0/2"])
+    s = parse("train", [*F, "-t", "train"])
+    with pytest.raises(ToolError, match=r"shards \[1\] are missing"):
+        find_stored(s, "train")
+    preprocess.main([*args, "--shard", "1/2"])
+    capsys.readouterr()
+    preprocess.main([*args, "--shard", "0/2"])
+    assert "done already" in capsys.readouterr().out
+    preprocess.main(args)
+    sets = [read_pictures(st_, F, "hdr", False) for st_ in
+            (find_stored(s, "train"), find_stored(s.replace(train_data="train"), "train"))]
+    whole = {p.name: p for p in sets[0]}
+    assert len(whole) == 5 and {p.name for p in sets[1]} == set(whole)
+
+
+def test_preprocess_leaves_nothing_half_written(tmp_path, work, fails):
+    make_raw(tmp_path / "data" / "train", 2)
+    broken = tmp_path / "data" / "train" / "scene0" / "view0_0004spp.hdr.exr"
+    broken.write_bytes(broken.read_bytes()[:300])
+    preprocess.main(["hdr", "-D", "data", "-t", "train"])  # the other group is there
+    (folder,) = Path("preproc").iterdir()
+    assert len(json.loads((folder / "samples.json").read_text())) == 2
+    code, message = fails(preprocess.main, ["hdr", "-D", "data", "-t", "nothing"])
+    assert code == 3 and "no data set found" in message
+    (work / "file").touch()
+    code, _ = fails(preprocess.main, ["hdr", "-D", "data", "-t", "train", "-P", "file"])
+    assert code == 5 and len(list(Path("preproc").iterdir())) == 1
+
+
+def small_pictures(seed: int = 0, groups: int = 3) -> list[Picture]:
+    """Pictures whose values can be recognised: aux channels carry their own number."""
+    rng = np.random.default_rng(seed)
+    pictures = []
+    for g in range(groups):
+        y = rng.uniform(0.1, 0.9, (40, 40, 9)).astype(np.float16)
+        inputs = [np.clip(y + rng.normal(0, 0.05, y.shape), 0, 1).astype(np.float16)
+                  for _ in range(2)]
+        pictures.append(Picture(f"g{g}", inputs, [1.0, 4.0], y))
+    return pictures
+
+
+AUGMENT = Augment(2.0, 0.3, 0.3, 0.3, 0.5)
+
+
+def test_batches_depend_on_seed_and_step_only():
+    pictures = small_pictures()
+    one = Batches(pictures, F, "hdr", "pu", 4, 32, 7, AUGMENT)
+    two = Batches(pictures, F, "hdr", "pu", 4, 32, 7, AUGMENT)
+    two[5], two[0]
+    for step in (0, 3, 8):
+        assert all(torch.equal(a, b) for a, b in zip(one[step], two[step]))
+    assert not torch.equal(one[0][0], one[1][0])
+    assert not torch.equal(one[0][0], Batches(pictures, F, "hdr", "pu", 4, 32, 8, AUGMENT)[0][0])
+
+
+def test_ranks_share_a_batch():
+    whole = Batches(small_pictures(), F, "hdr", "pu", 4, 32, 7, AUGMENT)
+    parts = [Batches(small_pictures(), F, "hdr", "pu", 4, 32, 7, AUGMENT, rank=r, world=2)
+             for r in range(2)]
+    for step in (0, 1, 5):
+        both = torch.cat([p[step][0] for p in parts])
+        assert torch.equal(whole[step][0], both)
+
+
+def test_an_epoch_visits_every_pair():
+    batches = Batches(small_pictures(), F, "hdr", "pu", 4, 32, 7)
+    seen = []
+    batches.sample = lambda pair, rng: (seen.append(pair), (np.zeros(1), np.zeros(1)))[1]
+    assert batches.steps_per_epoch == 2  # 6 pairs in batches of 4: the second is filled up
+    for step in range(2):
+        batches[step]
+    assert len(seen) == 8 and set(seen[:6]) == set(batches.pairs)
+
+
+def test_small_data_fills_a_batch():
+    batches = Batches(small_pictures(groups=1), F, "hdr", "pu", 16, 32, 7)
+    assert batches.steps_per_epoch == 1 and batches[0][0].shape == (16, 9, 32, 32)
+
+
+def test_tiles_larger_than_a_picture_are_refused():
+    with pytest.raises(ToolError, match="choose --tile_size 32 or less") as caught:
+        Batches(small_pictures(), F, "hdr", "pu", 4, 64, 7)
+    assert caught.value.code == 2
+    with pytest.raises(ToolError, match="no training images"):
+        Batches([], F, "hdr", "pu", 4, 64, 7)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 10**6))
+def test_augmentation_moves_input_and_target_alike(seed):
+    """With an input equal to its target they stay equal whatever happens to them."""
+    y = small_pictures(seed)[0].target
+    clean = [Picture("g", [y, y], [1.0, 4.0], y)]
+    batches = Batches(clean, F, "hdr", "pu", 1, 32, seed, AUGMENT)
+    x, t = batches.sample((0, 0), np.random.default_rng(seed))
+    assert x.shape == (9, 32, 32) and np.array_equal(x[:3], t)
+    assert 0 <= x.min() and x.max() <= 1
+
+
+@pytest.mark.parametrize("main", ["hdr", "nrm", "sh1", "z", "alb"])
+def test_shuffle_permutes_within_features(main):
+    features = [main] if main != "hdr" else F
+    n = sum(CHANNELS[f] for f in features)
+    x = np.broadcast_to(np.arange(n, dtype=np.float32), (8, 8, n)).copy()
+    for seed in range(20):
+        a, b = shuffle(x, x[..., :CHANNELS[main]].copy(), features, main,
+                       np.random.default_rng(seed))
+        got = [sorted(a[0, 0, k:k + 3].tolist()) for k in range(0, a.shape[-1], 3)]
+        if main == "sh1":
+            assert len(set(a[0, 0].tolist())) == 3 and a.shape[-1] == 3
+        elif main == "hdr":
+            assert got == [[0, 1, 2], [3, 4, 5], [6, 7, 8]]
+            assert (a[0, 0, 3:6] - 3).tolist() == a[0, 0, :3].tolist()  # albedo as colour
+        assert np.array_equal(a[..., :b.shape[-1]], b)
+
+
+def test_black_tiles_and_exposure_jitter():
+    """Black-outs hit colour and target only; jitter changes the light and not the aux."""
+    batches = Batches(small_pictures(), F, "hdr", "pu", 1, 32, 1, Augment(exposure=2.0))
+    black, means = 0, []
+    for seed in range(600):
+        x, y = batches.sample((0, 0), np.random.default_rng(seed))
+        if not y.any():
+            black += 1
+            assert not x[:3].any() and x[3:].any()
+        else:
+            means.append(y.mean())
+    assert 1 <= black <= 20
+    assert np.std(means) > 0.05  # without jitter all tiles have about the same mean
+
+
+def test_average_input_is_the_weighted_mean():
+    p = small_pictures()[0]
+    batches = Batches([p], F, "hdr", "linear", 1, 32, 1, Augment(average=1.0))
+    x, _ = batches.light(p, 0, np.s_[:32, :32], np.random.default_rng(0))
+    a, b = (i[:32, :32].astype(np.float32) for i in p.inputs)
+    assert np.abs(x - (a + 4 * b) / 5).max() < 2e-3
+
+
+def test_noise_of_the_synthetic_data_falls_with_spp():
+    clean = picture(0)
+    errors = [np.abs(noisy(clean, n, 0)["hdr"] - clean["hdr"]).mean() for n in (1, 4, 16, 64)]
+    assert errors == sorted(errors, reverse=True)

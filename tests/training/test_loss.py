@@ -1,0 +1,107 @@
+"""Losses and metrics against direct definitions."""
+
+import numpy as np
+import pytest
+import torch
+
+from training import metrics
+from training.loss import (LOSSES, STANDARD_WEIGHTS, make_loss, msssim_scales, msssim_value,
+                           ssim_value)
+
+
+def pair(size=64, seed=0):
+    rng = np.random.default_rng(seed)
+    b = rng.random((2, 3, size, size)).astype(np.float32)
+    a = np.clip(b + rng.normal(0, 0.1, b.shape), 0, 1).astype(np.float32)
+    return torch.from_numpy(a), torch.from_numpy(b)
+
+
+@pytest.mark.parametrize("name,want", [
+    ("l1", lambda a, b: np.abs(a - b).mean()),
+    ("l2", lambda a, b: ((a - b) ** 2).mean()),
+    ("mape", lambda a, b: (np.abs(a - b) / (np.abs(b) + 0.01)).mean()),
+    ("smape", lambda a, b: (np.abs(a - b) / (np.abs(a) + np.abs(b) + 0.01)).mean()),
+])
+def test_pointwise_losses(name, want):
+    a, b = pair()
+    assert float(make_loss(name)(a, b)) == pytest.approx(want(a.numpy(), b.numpy()), rel=1e-5)
+
+
+def test_l1_grad():
+    a, b = pair()
+    d = (a - b).numpy()
+    dx, dy = np.diff(d, axis=3), np.diff(d, axis=2)
+    grad = (np.abs(dx).sum() + np.abs(dy).sum()) / (dx.size + dy.size)
+    want = 0.5 * np.abs(d).mean() + 0.5 * grad
+    assert float(make_loss("l1_grad")(a, b)) == pytest.approx(want, rel=1e-5)
+
+
+def slow_ssim(a, b):
+    """Mean SSIM of two [H,W] arrays, window by window."""
+    x = np.arange(11) - 5
+    g = np.exp(-(x**2) / 4.5)
+    w = np.outer(g, g) / np.outer(g, g).sum()
+    values = []
+    for i in range(a.shape[0] - 10):
+        for j in range(a.shape[1] - 10):
+            p, q = a[i:i + 11, j:j + 11], b[i:i + 11, j:j + 11]
+            mp, mq = (w * p).sum(), (w * q).sum()
+            vp, vq = (w * p * p).sum() - mp**2, (w * q * q).sum() - mq**2
+            c = (w * p * q).sum() - mp * mq
+            values.append((2 * mp * mq + 1e-4) * (2 * c + 9e-4)
+                          / ((mp**2 + mq**2 + 1e-4) * (vp + vq + 9e-4)))
+    return np.mean(values)
+
+
+def test_ssim_is_its_definition():
+    a, b = pair(20)
+    want = np.mean([slow_ssim(a[n, c].double().numpy(), b[n, c].double().numpy())
+                    for n in range(2) for c in range(3)])
+    assert float(ssim_value(a, b)) == pytest.approx(want, abs=1e-4)
+    assert float(ssim_value(b, b)) == pytest.approx(1, abs=1e-6)
+
+
+def test_msssim_scales_fit_the_picture():
+    assert msssim_scales(161, 161) == 5
+    assert msssim_scales(160, 300) == 4  # five scales would need more than 160
+    assert msssim_scales(64, 64) == 3
+    assert msssim_scales(12, 12) == 1
+
+
+def test_msssim_of_one_scale_is_ssim():
+    a, b = pair(16)
+    value = torch.stack([ssim_value(a[n:n + 1, c:c + 1], b[n:n + 1, c:c + 1])
+                         for n in range(2) for c in range(3)])
+    assert float(msssim_value(a, b)) == pytest.approx(
+        float((value ** sum(STANDARD_WEIGHTS)).mean()), abs=1e-5)
+
+
+@pytest.mark.parametrize("name", LOSSES)
+@pytest.mark.parametrize("size", [32, 176])
+def test_every_loss_is_zero_for_equals_and_has_finite_gradients(name, size):
+    a, b = pair(size)
+    loss = make_loss(name)
+    assert float(loss(b, b)) == pytest.approx(0, abs=1e-5)
+    a.requires_grad_()
+    value = loss(a, b)
+    value.backward()
+    assert value.item() > 0 and torch.isfinite(a.grad).all() and a.grad.abs().max() > 0
+    opposite = (1 - b).requires_grad_()  # SSIM terms below zero
+    loss(opposite, b).backward()
+    assert torch.isfinite(opposite.grad).all()
+
+
+def test_weights_of_msssim_matter():
+    a, b = pair(176)
+    assert float(make_loss("msssim", [0.2] * 5)(a, b)) != float(make_loss("msssim")(a, b))
+
+
+def test_metrics():
+    a, b = (np.full((16, 16, 3), v, np.float32) for v in (0.5, 0.6))
+    assert metrics.mse(a, b) == pytest.approx(0.01, rel=1e-4)
+    assert metrics.psnr(a, b) == pytest.approx(20, abs=1e-3)
+    assert metrics.psnr(a, a) == np.inf
+    assert metrics.ssim(a, a) == pytest.approx(1) and metrics.msssim(a, a) == pytest.approx(1)
+    # normals are shown from [-1,1]: 0 is grey to the sixth power
+    shown = metrics.to_display(np.zeros((1, 1, 3)), "nrm")[0, 0, 0]
+    assert shown == pytest.approx(1.055 * (0.5**6) ** (1 / 2.4) - 0.055, rel=1e-5)

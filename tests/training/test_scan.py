@@ -1,0 +1,142 @@
+"""Naming scheme, reference choice, completeness, summary, doctor."""
+
+import numpy as np
+import pytest
+from tests.training.tools import noisy, picture, write_features
+from hypothesis import given
+from hypothesis import strategies as st
+
+from training import doctor
+from training.data import hold_out
+from training.imageio import write_image
+from training.scan import Version, list_versions, scan
+
+
+def touch(root, *names):
+    for name in names:
+        path = root / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.touch()
+
+
+def test_reference_is_chosen_by_number(tmp_path):
+    """`_4` sorts after `_1024` as text; the reference is still the 1024."""
+    touch(tmp_path, "a_4.hdr.exr", "a_16spp.hdr.exr", "a_1024.hdr.exr")
+    (group,) = scan(tmp_path, ["hdr"]).groups
+    assert group.target.name == "a_1024"
+    assert [v.spp for v in group.inputs] == [4, 16]
+
+
+@pytest.mark.parametrize("word", ["ref", "reference", "gt", "target", "REF"])
+def test_reference_words_win(tmp_path, word):
+    touch(tmp_path, "d/a_4096spp.hdr.exr", f"d/a_{word}.hdr.exr")
+    (group,) = scan(tmp_path, ["hdr"]).groups
+    assert group.name == "d/a" and group.target.word == word.lower()
+    assert [v.spp for v in group.inputs] == [4096]
+
+
+@given(st.lists(st.integers(1, 100000), min_size=2, max_size=6, unique=True))
+def test_order_is_numeric(counts):
+    versions = sorted((Version(f"a_{n}", n, None) for n in counts), key=lambda v: v.order)
+    assert [v.spp for v in versions] == sorted(counts)
+
+
+def test_incomplete_versions_are_listed_one_by_one(tmp_path):
+    touch(tmp_path, *(f"a_{n}.{f}.exr" for n in ("1", "4", "ref") for f in ("hdr", "alb")),
+          "a_1.nrm.exr", "b_1.hdr.exr", "c_ref.hdr.exr", "d_4.alb.exr", "d_ref.hdr.exr")
+    found = scan(tmp_path, ["hdr", "alb", "nrm"], ["hdr"])
+    assert [g.name for g in found.groups] == ["a"]
+    assert [v.spp for v in found.groups[0].inputs] == [1]  # 4 spp lacks nrm, 1 spp stays
+    reasons = dict(found.left_out)
+    assert reasons["a_4"] == "lacks nrm"
+    assert reasons["b"].startswith("no reference")
+    assert reasons["c"] == "no complete noisy version"
+    assert reasons["d_4"] == "lacks hdr nrm"
+    assert any("left out: 1 x lacks nrm (e.g. a_4)" in line for line in found.summary())
+
+
+def test_seeds_formats_and_multichannel(tmp_path):
+    touch(tmp_path, "a_4spp_s1.hdr.exr", "a_4spp_s2.hdr.exr", "a_ref.hdr.exr", "b_4.ldr.png",
+          "b_4.ldr.exr", "b_ref.ldr.png", "c_4.exr", "c_ref.exr", "readme.exr", "x.png", "y.txt")
+    versions = list_versions(tmp_path)
+    assert set(versions) == {"a", "b", "c"}
+    assert [v.seed for v in versions["a"]] == [1, 2, 0]
+    assert versions["b"][0].files["ldr"].suffix == ".exr"  # float before 8 bit
+    assert scan(tmp_path, ["hdr", "alb"]).groups[0].name == "c"  # all layers in one file
+
+
+def test_single_pictures_are_inputs_without_reference(tmp_path):
+    touch(tmp_path, "photo.hdr.exr", "a_4.hdr.exr")
+    groups = scan(tmp_path, ["hdr"], need_target=False).groups
+    assert [(g.name, g.target) for g in groups] == [("a", None), ("photo", None)]
+    assert scan(tmp_path, ["hdr"]).groups == []
+
+
+def test_linked_folders_are_read(tmp_path):
+    touch(tmp_path / "real", "a_4.hdr.exr", "a_ref.hdr.exr")
+    (tmp_path / "set").mkdir()
+    (tmp_path / "set" / "link").symlink_to(tmp_path / "real")
+    assert [g.name for g in scan(tmp_path / "set", ["hdr"]).groups] == ["link/a"]
+
+
+def test_hold_out_is_spread():
+    train, valid = hold_out(list(range(100)), 4)
+    assert valid == [12, 38, 62, 88] and len(train) == 96
+    assert hold_out([1], 3) == ([1], [])
+
+
+def breakage(kind, images):
+    """A noisy version with something wrong, and the word that the doctor says."""
+    images = {k: v.copy() for k, v in images.items()}
+    if kind == "encoded":
+        images["nrm"] = images["nrm"] * 0.5 + 0.5
+        return images, "looks encoded"
+    if kind == "albedo":
+        images["alb"] = images["alb"] * 3
+        return images, "above 1"
+    if kind == "nan":
+        images["hdr"][3, 4] = np.nan
+        return images, "1 pixels with NaN"
+    if kind == "negative":
+        images["hdr"][3, 4] = -1
+        return images, "negative values"
+    if kind == "bright":
+        images["hdr"] *= 8
+        return images, "times as bright"
+    images["hdr"] = images["hdr"][::-1, ::-1].copy()
+    return images, "does not look like its reference"
+
+
+@pytest.mark.parametrize("kind", ["encoded", "albedo", "nan", "negative", "bright", "view"])
+def test_doctor_finds_it(tmp_path, capsys, fails, kind):
+    clean = picture(3)
+    for n in (4, 16):
+        write_features(tmp_path / "d", f"a_{n}", noisy(clean, n, 1))
+    write_features(tmp_path / "d", "a_ref", clean)
+    args = ["hdr", "alb", "nrm", "-D", str(tmp_path), "-i", "d"]
+    doctor.main(args)
+    assert "nothing found" in capsys.readouterr().out
+    broken, words = breakage(kind, noisy(clean, 8, 1))
+    write_features(tmp_path / "d", "a_8", broken)
+    code, message = fails(doctor.main, args)
+    assert code == 3 and "findings in 1 groups" in message
+    out = capsys.readouterr().out
+    assert words in out and "a_8" in out and "a_4:" not in out
+
+
+def test_doctor_on_references(tmp_path, capsys, fails):
+    """A reference noisier than its input, one that is its input, two sizes in a group."""
+    clean = picture(4)
+    write_features(tmp_path / "d", "a_4", noisy(clean, 512, 1))
+    write_features(tmp_path / "d", "a_ref", noisy(clean, 1, 2))
+    write_features(tmp_path / "d", "b_4", clean)
+    write_features(tmp_path / "d", "b_ref", clean)
+    write_features(tmp_path / "d", "c_4", {"hdr": clean["hdr"][:-2]})
+    write_features(tmp_path / "d", "c_ref", {"hdr": clean["hdr"]})
+    fails(doctor.main, ["hdr", "-D", str(tmp_path), "-i", "d"])
+    out = capsys.readouterr().out
+    assert "a_4: less noisy than its reference" in out
+    assert "b_4: identical with its reference" in out
+    assert "c_4: sizes differ" in out
+    write_image(tmp_path / "e" / "a_4.hdr.exr", clean["hdr"])
+    assert fails(doctor.main, ["hdr", "-D", str(tmp_path), "-i", "nothing"])[0] == 3

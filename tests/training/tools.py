@@ -1,0 +1,60 @@
+"""Small synthetic pictures and data sets."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from training.imageio import write_image
+
+SIZE = (48, 64)  # height, width of the pictures
+TINY = "unet:" + ",".join(["4"] * 15)  # a network that trains in no time
+# Options of a training of seconds.
+QUICK = ["-m", TINY, "-l", "l1", "-b", "4", "--ts", "32", "--max_lr", "2e-3", "-j", "0",
+         "--threads", "1", "-d", "cpu"]
+
+
+def picture(seed: int, height: int = SIZE[0], width: int = SIZE[1]) -> dict[str, np.ndarray]:
+    """Noise-free features of a little scene of boxes: hdr, alb, nrm, [H,W,3] float32."""
+    rng = np.random.default_rng(seed)
+    alb = np.full((height, width, 3), 0.5, np.float32)
+    nrm = np.zeros_like(alb)
+    nrm[..., 2] = 1
+    light = np.ones((height, width, 1), np.float32)
+    for _ in range(6):
+        y, x = rng.integers(0, height - 8), rng.integers(0, width - 8)
+        cut = np.s_[y:y + rng.integers(6, 30), x:x + rng.integers(6, 30)]
+        alb[cut] = rng.uniform(0.05, 0.9, 3)
+        n = rng.normal(size=3)
+        nrm[cut] = n / np.linalg.norm(n)
+        light[cut] = rng.uniform(0.2, 3)
+    return {"hdr": alb * light, "alb": alb, "nrm": nrm}
+
+
+def noisy(clean: dict[str, np.ndarray], spp: int, seed: int) -> dict[str, np.ndarray]:
+    """The same as `spp` samples per pixel might give it: gamma distributed radiance."""
+    rng = np.random.default_rng([seed, spp])
+    shape = clean["hdr"].shape[:2]
+    factor = rng.gamma(0.5 * spp, 1 / (0.5 * spp), (*shape, 1)).astype(np.float32)
+    return {"hdr": clean["hdr"] * factor,
+            "alb": np.clip(clean["alb"] + rng.normal(0, 0.02, (*shape, 3)), 0, 1),
+            "nrm": clean["nrm"]}
+
+
+def write_features(folder: Path, stem: str, images: dict[str, np.ndarray],
+                   ext: str = "exr") -> None:
+    for feature, image in images.items():
+        write_image(folder / f"{stem}.{feature}.{ext}", image.astype(np.float32))
+
+
+def make_raw(root: Path, groups: int = 5, spp: tuple[int, ...] = (1, 4), ref: str = "ref",
+             height: int = SIZE[0], width: int = SIZE[1]) -> Path:
+    """A raw data set of `groups` groups with noisy versions and a reference."""
+    for g in range(groups):
+        clean = picture(g, height, width)
+        folder = root / f"scene{g}"
+        write_features(folder, f"view{g}_{ref}", clean)
+        for n in spp:
+            write_features(folder, f"view{g}_{n:04}spp", noisy(clean, n, g))
+    return root

@@ -1,0 +1,166 @@
+"""Family K: a network that predicts the weights of a filter (docs/kernel-prediction.md).
+
+Codes are held as value/255 in floating point and rounded to whole codes, so what is trained is what
+the integer engine computes up to the rounding inside the trunk.
+"""
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+from training.kernel_filter import TAPS, kernel_filter
+
+INPUTS, LEVELS = 12, 5
+EPS = 0.02                        # added to the albedo that divides
+LOG_GAIN, LOG_TOP = 32.0, 128.0   # radiance code: ln(1 + 32 I) / ln(1 + 32 * 128)
+LOG_SCALE = 1.0 / math.log1p(LOG_GAIN * LOG_TOP)
+RADIANCE_MAX = 65504.0
+STEP = 16.0                       # codes per unit of a logit
+CONFIDENCE, BLEND, ALBEDO = 25, 26, 27  # channels of a head after the 25 logits
+HEAD_WIDTHS = (52, 27, 27, 27, 27)
+
+
+@dataclass(frozen=True)
+class Head:
+    """One HEAD row of nets.def."""
+
+    name: str
+    source: str
+    level: int
+
+
+def parse_heads(text: str, net: str) -> list[Head]:
+    """The HEAD rows of a net in the text of nets.def."""
+    rows = re.findall(r"^HEAD\s*\(([^)]*)\)", text, flags=re.M)
+    parts = [[a.strip() for a in row.split(",")] for row in rows]
+    return [Head(p[1], p[2], int(p[3])) for p in parts if p[0] == net]
+
+
+class _Round(torch.autograd.Function):
+    """Rounds to whole 1/255; the gradient passes."""
+
+    @staticmethod
+    def forward(ctx, x: Tensor) -> Tensor:
+        return torch.floor(x * 255.0 + 0.5) / 255.0
+
+    @staticmethod
+    def backward(ctx, g: Tensor) -> Tensor:
+        return g
+
+
+def to_code(x: Tensor) -> Tensor:
+    """[0,1] values as codes / 255."""
+    return _Round.apply(x.clamp(0.0, 1.0))
+
+
+def make_input(radiance: Tensor, albedo: Tensor | None, normal: Tensor | None,
+               clipped: bool | Tensor) -> Tensor:
+    """Codes / 255 of the network's input, [N,12,H,W]; radiance exposed, normal in [-1,1].
+
+    The presence of features may differ inside a batch: then albedo and normal are tensors and
+    `clipped`, `has_albedo`, `has_normal` are given by `make_mixed_input`.
+    """
+    n, _, h, w = radiance.shape
+    ones = radiance.new_ones(n, 1, h, w)
+    has = [float(albedo is not None), float(normal is not None), float(clipped)]
+    albedo = torch.zeros_like(radiance) if albedo is None else albedo
+    normal = torch.zeros_like(radiance) if normal is None else normal
+    return mixed_input(radiance, albedo, normal, *[ones * v for v in has])
+
+
+def mixed_input(radiance: Tensor, albedo: Tensor, normal: Tensor, has_albedo: Tensor,
+                has_normal: Tensor, clipped: Tensor) -> Tensor:
+    """As make_input, with presence planes [N,1,H,W] of 0 or 1."""
+    divisor = albedo * has_albedo + (1.0 - EPS) * (1.0 - has_albedo) + EPS
+    i = radiance.clamp(0.0, RADIANCE_MAX) / divisor
+    log = torch.log1p(LOG_GAIN * i) * LOG_SCALE
+    nrm = (normal * 0.5 + 0.5) * has_normal + (128.0 / 255.0) * (1.0 - has_normal)
+    x = torch.cat((log, albedo * has_albedo, nrm, has_albedo, has_normal, clipped), 1)
+    return to_code(x)
+
+
+def upsample(x: Tensor) -> Tensor:
+    """Bilinear by 2, edges repeated: 9/16, 3/16, 3/16, 1/16 of the nearest pixels."""
+    return F.interpolate(x, scale_factor=2, mode="bilinear", align_corners=False)
+
+
+class KernelNet(nn.Module):
+    """The trunk and heads of a K net; `forward` filters an image with them."""
+
+    def __init__(self, net, heads: list[Head], widths: list[int]):
+        super().__init__()
+        self.net, self.heads, self.inputs, self.outputs = net, heads, INPUTS, 3
+        out = {"input": INPUTS}
+        for layer, width in zip(net.layers, widths, strict=True):
+            cin = out[layer.source] + (out[layer.skip] if layer.skip else 0)
+            self.add_module(layer.name, nn.Conv2d(cin, width, 3, padding=1))
+            out[layer.name] = width
+        for head in heads:
+            conv = nn.Conv2d(out[head.source], HEAD_WIDTHS[head.level], 1)
+            with torch.no_grad():
+                conv.bias.fill_(8.0)
+                conv.weight.mul_(0.3)
+            self.add_module(head.name, conv)
+
+    def trunk(self, x: Tensor) -> list[Tensor]:
+        """Input codes [N,12,H,W] -> head outputs by level: logits in 0..255/16, whole 1/16 steps."""
+        values = {"input": x}
+        for layer in self.net.layers:
+            y = values[layer.source]
+            if layer.up == 2:
+                y = F.interpolate(y, scale_factor=2, mode="nearest")
+            if layer.skip:
+                y = torch.cat((y, values[layer.skip]), 1)
+            y = F.relu_(getattr(self, layer.name)(y))
+            values[layer.name] = F.max_pool2d(y, 2) if layer.pool == 2 else y
+        heads = [None] * LEVELS
+        for head in self.heads:
+            q = getattr(self, head.name)(values[head.source])
+            heads[head.level] = to_code(q * (STEP / 255.0)) * (255.0 / STEP)
+        return heads
+
+    def forward(self, codes: Tensor, radiance: Tensor, albedo: Tensor, has_albedo: Tensor) -> Tensor:
+        """Filtered radiance. radiance (exposed) and albedo [N,3,H,W], has_albedo [N,1,H,W]."""
+        heads = self.trunk(codes)
+        return apply_filter(heads, radiance, albedo, has_albedo)
+
+    def macs_per_pixel(self) -> float:
+        """Multiply-adds of the network per pixel, unfolded."""
+        scale, total = {"input": 1.0}, 0.0
+        for layer in self.net.layers:
+            area = scale[layer.source] * layer.up**2
+            total += area * getattr(self, layer.name).weight.numel()
+            scale[layer.name] = area / layer.pool**2
+        for head in self.heads:
+            total += getattr(self, head.name).weight.numel() / 4**head.level
+        return total
+
+
+def apply_filter(heads: list[Tensor], radiance: Tensor, albedo: Tensor,
+                 has_albedo: Tensor) -> Tensor:
+    """docs/kernel-prediction.md, section Filter."""
+    top = 255.0 / STEP
+    one = torch.ones_like(has_albedo)
+    s = kernel_filter(heads[0][:, ALBEDO:ALBEDO + TAPS] - top, torch.cat((one, albedo), 1))
+    smooth = s[:, 1:] / s[:, :1]
+    smooth = smooth * has_albedo + (1.0 - EPS) * (1.0 - has_albedo) + EPS
+    i = radiance.clamp(0.0, RADIANCE_MAX) / smooth
+    filtered = []
+    for level in range(LEVELS):
+        c = torch.exp(heads[level][:, CONFIDENCE:CONFIDENCE + 1] - top)
+        v = torch.cat((c, c * i), 1)
+        s = kernel_filter(heads[level][:, :TAPS] - top, v)
+        filtered.append(s[:, 1:] / s[:, :1])
+        if level + 1 < LEVELS:
+            pooled = F.avg_pool2d(v, 2)
+            i = pooled[:, 1:] / pooled[:, :1]
+    out = filtered[-1]
+    for level in range(LEVELS - 2, -1, -1):
+        beta = torch.sigmoid(heads[level][:, BLEND:BLEND + 1] - 8.0)
+        out = filtered[level] + beta * (upsample(out) - filtered[level])
+    return out * smooth
