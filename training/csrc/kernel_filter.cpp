@@ -1,0 +1,111 @@
+// Sums of a 5x5 kernel per pixel: out[c](p) = sum_k exp(l[k](p)) v[c](p + k), zeros outside, and its
+// derivatives. Planar rows, one tap at a time, so that the inner loops run over x and vectorise.
+#include <torch/extension.h>
+
+#include <cmath>
+#include <vector>
+
+namespace {
+
+constexpr int kSide = 5, kRadius = 2, kTaps = kSide * kSide;
+
+struct Shape {
+    int64_t n, c, h, w;
+};
+
+Shape check(const torch::Tensor &l, const torch::Tensor &v) {
+    TORCH_CHECK(l.dim() == 4 && v.dim() == 4 && l.size(1) == kTaps, "l is [N,25,H,W], v [N,C,H,W]");
+    TORCH_CHECK(l.size(0) == v.size(0) && l.size(2) == v.size(2) && l.size(3) == v.size(3),
+                "l and v differ in size");
+    TORCH_CHECK(l.is_contiguous() && v.is_contiguous() && l.scalar_type() == v.scalar_type(),
+                "l and v are contiguous and of one type");
+    return {v.size(0), v.size(1), v.size(2), v.size(3)};
+}
+
+// Calls f(tap, y of the source, first x, last x + 1, dx) for the taps of row y that lie inside.
+template <typename F> void for_taps(const Shape &s, int64_t y, F f) {
+    for (int k = 0; k < kTaps; k++) {
+        const int64_t dy = k / kSide - kRadius, dx = k % kSide - kRadius;
+        if (y + dy < 0 || y + dy >= s.h)
+            continue;
+        f(k, y + dy, std::max<int64_t>(0, -dx), std::min<int64_t>(s.w, s.w - dx), dx);
+    }
+}
+
+template <typename T> void forward_rows(const Shape &s, const T *l, const T *v, T *out, int64_t row) {
+    const int64_t n = row / s.h, y = row % s.h, plane = s.h * s.w;
+    std::vector<T> e(s.w);
+    for_taps(s, y, [&](int k, int64_t ys, int64_t x0, int64_t x1, int64_t dx) {
+        const T *lk = l + (n * kTaps + k) * plane + y * s.w;
+        for (int64_t x = x0; x < x1; x++)
+            e[x] = std::exp(lk[x]);
+        for (int64_t c = 0; c < s.c; c++) {
+            const T *vs = v + (n * s.c + c) * plane + ys * s.w + dx;
+            T *o = out + (n * s.c + c) * plane + y * s.w;
+            for (int64_t x = x0; x < x1; x++)
+                o[x] += e[x] * vs[x];
+        }
+    });
+}
+
+// One image: rows scatter into their neighbours' gradients, so images, not rows, run in parallel.
+template <typename T>
+void backward_image(const Shape &s, const T *l, const T *v, const T *g, T *gl, T *gv, int64_t n) {
+    const int64_t plane = s.h * s.w;
+    std::vector<T> e(s.w), d(s.w);
+    for (int64_t y = 0; y < s.h; y++)
+        for_taps(s, y, [&](int k, int64_t ys, int64_t x0, int64_t x1, int64_t dx) {
+            const T *lk = l + (n * kTaps + k) * plane + y * s.w;
+            T *glk = gl + (n * kTaps + k) * plane + y * s.w;
+            for (int64_t x = x0; x < x1; x++) {
+                e[x] = std::exp(lk[x]);
+                d[x] = 0;
+            }
+            for (int64_t c = 0; c < s.c; c++) {
+                const T *vs = v + (n * s.c + c) * plane + ys * s.w + dx;
+                T *gs = gv + (n * s.c + c) * plane + ys * s.w + dx;
+                const T *go = g + (n * s.c + c) * plane + y * s.w;
+                for (int64_t x = x0; x < x1; x++) {
+                    d[x] += go[x] * vs[x];
+                    gs[x] += e[x] * go[x];
+                }
+            }
+            for (int64_t x = x0; x < x1; x++)
+                glk[x] = e[x] * d[x];
+        });
+}
+
+}  // namespace
+
+torch::Tensor forward(torch::Tensor l, torch::Tensor v) {
+    const Shape s = check(l, v);
+    torch::Tensor out = torch::zeros_like(v);
+    AT_DISPATCH_FLOATING_TYPES(v.scalar_type(), "kernel_filter", [&] {
+        at::parallel_for(0, s.n * s.h, 16, [&](int64_t begin, int64_t end) {
+            for (int64_t row = begin; row < end; row++)
+                forward_rows<scalar_t>(s, l.data_ptr<scalar_t>(), v.data_ptr<scalar_t>(),
+                                       out.data_ptr<scalar_t>(), row);
+        });
+    });
+    return out;
+}
+
+std::vector<torch::Tensor> backward(torch::Tensor l, torch::Tensor v, torch::Tensor g) {
+    const Shape s = check(l, v);
+    torch::Tensor gl = torch::zeros_like(l), gv = torch::zeros_like(v);
+    g = g.contiguous();
+    AT_DISPATCH_FLOATING_TYPES(v.scalar_type(), "kernel_filter_backward", [&] {
+        at::parallel_for(0, s.n, 1, [&](int64_t begin, int64_t end) {
+            for (int64_t n = begin; n < end; n++)
+                backward_image<scalar_t>(s, l.data_ptr<scalar_t>(), v.data_ptr<scalar_t>(),
+                                         g.data_ptr<scalar_t>(), gl.data_ptr<scalar_t>(),
+                                         gv.data_ptr<scalar_t>(), n);
+        });
+    });
+    return {gl, gv};
+}
+
+PYBIND11_MODULE(TORCH_EXTENSION_NAME, m) {
+    m.def("forward", &forward);
+    m.def("backward", &backward);
+}
