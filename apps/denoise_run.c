@@ -1,6 +1,5 @@
 #include "denoise.h"
 
-#include <errno.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -12,25 +11,6 @@
 
 /* ---- Session
  * ------------------------------------------------------------------------------------- */
-
-/* Reads the whole weights file. */
-static exit_code load_weights(denoise_session *session)
-{
-    const char *path = session->settings->weights;
-    FILE *file = platform_is_directory(path) ? NULL : fopen(path, "rb");
-    int64_t size;
-    if (!file)
-        return report_error(EXIT_INPUT, "cannot read '%s': %s", path,
-                            platform_is_directory(path) ? "is a directory" : strerror(errno));
-    size = platform_file_size(file);
-    session->weights = size > 0 && size < (int64_t)1 << 31 ? malloc((size_t)size) : NULL;
-    session->weights_size = session->weights ? fread(session->weights, 1, (size_t)size, file) : 0;
-    fclose(file);
-    if (!session->weights || session->weights_size != (size_t)size)
-        return report_error(EXIT_INPUT, "cannot read '%s': %s", path,
-                            size == 0 ? "the file is empty" : "not a weights file");
-    return EXIT_OK;
-}
 
 /* Progress on stderr for a person; stops on an interrupt. */
 static bool on_progress(void *user, double n)
@@ -51,8 +31,11 @@ exit_code denoise_begin(denoise_session *session, const denoise_settings *settin
     session->report = report;
     if (settings->is_checking && !settings->output_count)
         return EXIT_OK; /* nothing will be denoised */
-    if (settings->weights && load_weights(session))
-        return EXIT_INPUT;
+    if (settings->weights) {
+        session->weights = device_load_weights(settings->weights, &session->weights_size);
+        if (!session->weights)
+            return EXIT_INPUT;
+    }
     report_line("Initializing device\n");
     session->device = device_open(&settings->device);
     if (!session->device)

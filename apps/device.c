@@ -1,10 +1,13 @@
 #include "device.h"
 
 #include <ctype.h>
+#include <errno.h>
 #include <limits.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
+#include "platform.h"
 #include "report.h"
 
 static const option_word type_words[] = {
@@ -125,6 +128,28 @@ void device_print_list(void)
     }
     if (!count)
         printf("No devices found\n");
+}
+
+void *device_load_weights(const char *path, size_t *size)
+{
+    FILE *file = platform_is_directory(path) ? NULL : fopen(path, "rb");
+    int64_t bytes;
+    void *data;
+    if (!file) {
+        report_error(EXIT_INPUT, "cannot read '%s': %s", path,
+                     platform_is_directory(path) ? "is a directory" : strerror(errno));
+        return NULL;
+    }
+    bytes = platform_file_size(file);
+    data = bytes > 0 && bytes < (int64_t)1 << 31 ? malloc((size_t)bytes) : NULL;
+    *size = data ? fread(data, 1, (size_t)bytes, file) : 0;
+    fclose(file);
+    if (data && *size == (size_t)bytes)
+        return data;
+    report_error(EXIT_INPUT, "cannot read '%s': %s", path,
+                 bytes == 0 ? "the file is empty" : "not a weights file");
+    free(data);
+    return NULL;
 }
 
 OIDNFormat device_format(const image *img)

@@ -34,6 +34,9 @@ const char *device_type_name(OIDNDevice device);
 /* Prints the physical devices as Open Image Denoise's programs do. */
 void device_print_list(void);
 
+/* Reads a weights file whole (malloc). NULL: the error is reported. */
+void *device_load_weights(const char *path, size_t *size);
+
 /* Format of an image's pixels. */
 OIDNFormat device_format(const image *img);
 
