@@ -4,8 +4,8 @@ make(settings) gives an integrator whose image has the channels R,G,B, albedo R,
 Import only after backend.load(): the classes derive from the running Mitsuba variant.
 
 The features belong to the *recorded* vertex of a camera path:
-  follow = "first"   the first hit, whatever it is
-           "cutout"  the first hit, but null lobes (masks, thin glass, volume bounds) are passed
+  follow = "first"   the first hit, whatever it is (but for mere bounds of a medium)
+           "cutout"  the first hit, but null lobes (masks, thin glass) are passed
            "delta"   the first hit with a non-delta lobe: mirrors and glass are followed as the
                      BSDF is sampled, the albedo multiplied by the throughput on the way
   albedo   diffuse reflectance where the material has a diffuse lobe, otherwise the weight of one
@@ -56,6 +56,19 @@ def _exists(pointer):
     return pointer is not None if not dr.is_jit_v(mi.Float) else pointer != None  # noqa: E711
 
 
+# Scalar variants have null pointers where the others have masked lanes.
+
+def _bsdf(si, ray):
+    return si.bsdf(ray) if dr.is_jit_v(mi.Float) or si.is_valid() else None
+
+
+def _emitter_pdf(scene, ref, ds, active):
+    """Density of sampling the emitter of ds from ref."""
+    if not dr.is_jit_v(mi.Float) and (ds.emitter is None or not active):
+        return mi.Float(0.0)
+    return scene.pdf_emitter_direction(ref, ds, active)
+
+
 def _flags(bsdf):
     return mi.UInt32(0) if bsdf is None else bsdf.flags()
 
@@ -94,6 +107,8 @@ class _Recorder:
             go_on = null
         else:
             go_on = mi.Bool(False)
+        empty = delta & _not(_has(flags, mi.BSDFFlags.DeltaReflection))
+        go_on = go_on | (null & empty)  # the surface only bounds a medium
         shines = on_emitter & hit & (dr.max(emitted) > 0)
         if s.emitter == "surface":
             shines = mi.Bool(False)
@@ -124,8 +139,7 @@ def _names() -> list[str]:
 def _mis(a, b):
     """Power heuristic; a, b: densities."""
     a2 = a * a
-    w = a2 / dr.fma(b, b, a2)
-    return dr.select(dr.isfinite(w), w, 0.0)
+    return a2 / dr.maximum(dr.fma(b, b, a2), 1e-30)
 
 
 class FeaturePath(mi.SamplingIntegrator):
@@ -162,12 +176,12 @@ class FeaturePath(mi.SamplingIntegrator):
             emitter = si.emitter(scene, active)
             emitted = _emitted(emitter, si, active)
             ds = mi.DirectionSample3f(scene, si, prev_si)
-            pdf = scene.pdf_emitter_direction(prev_si, ds, active & _not(prev_delta))
+            pdf = _emitter_pdf(scene, prev_si, ds, active & _not(prev_delta))
             radiance += beta * emitted * dr.select(prev_delta, 1.0, _mis(prev_pdf, pdf))
 
             hit = active & si.is_valid()
             go = hit & (depth + 1 < self.max_depth)
-            bsdf = si.bsdf(ray)
+            bsdf = _bsdf(si, ray)
             flags = _flags(bsdf)
             lit = go & _has(flags, mi.BSDFFlags.Smooth)
             ds, em_weight = scene.sample_emitter_direction(si, sampler.next_2d(active), True, lit)
@@ -199,7 +213,7 @@ class FeaturePath(mi.SamplingIntegrator):
             keep = dr.minimum(top * eta * eta, 0.95)
             play = depth >= self.rr_depth
             survives = _not(play) | (sampler.next_1d(active) < keep)
-            beta *= dr.select(play, dr.rcp(keep), 1.0)
+            beta *= dr.select(play, 1.0 / dr.maximum(keep, 1e-8), 1.0)
             active = go & (top > 0.0) & survives
 
         return radiance, valid, [albedo.x, albedo.y, albedo.z, normal.x, normal.y, normal.z]
@@ -233,7 +247,7 @@ class FeatureVolume(mi.SamplingIntegrator):
             si = scene.ray_intersect(ray, mi.RayFlags.All, bounce == 0, active)
             emitter = si.emitter(scene, active)
             emitted = _emitted(emitter, si, active)
-            bsdf = si.bsdf(ray)
+            bsdf = _bsdf(si, ray)
             hit = active & si.is_valid()
             zero = mi.Vector3f(0.0, 0.0, 1.0)
             _, _, bs, weight = _scatter(bsdf, si, zero, sampler.next_1d(active),

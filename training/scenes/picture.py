@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import glob
+import json
 import os
 import shutil
 import time
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,23 +19,26 @@ PASS_SAMPLES = 1 << 22   # camera samples in flight at once: bounds memory (abou
 
 @dataclass(frozen=True)
 class Shot:
-    """Camera dictionary without film and sampler, and how to render it."""
+    """Size in pixels, and a function that gives the sensor for so many samples per pixel."""
 
-    camera: dict
     width: int
     height: int
-    rfilter: dict
-    sampler: str = "independent"
+    sensor: Callable[[int], object]
 
 
-def _sensor(mi, shot: Shot, spp: int):
-    film = {"type": "hdrfilm", "width": shot.width, "height": shot.height, "pixel_format": "rgb",
-            "component_format": "float32", "rfilter": shot.rfilter}
-    sensor = mi.load_dict({**shot.camera, "film": film,
-                           "sampler": {"type": shot.sampler, "sample_count": spp}})
-    if sensor.sampler().sample_count() != spp:  # some round the count up
-        return _sensor(mi, replace(shot, sampler="independent"), spp)
-    return sensor
+def shot(mi, camera: dict, width: int, height: int, rfilter: dict, sampler: str) -> Shot:
+    """A Shot of a camera dictionary without film and sampler."""
+    film = {"type": "hdrfilm", "width": width, "height": height, "pixel_format": "rgb",
+            "component_format": "float32", "rfilter": rfilter}
+
+    def sensor(spp: int, kind: str = sampler):
+        made = mi.load_dict({**camera, "film": film,
+                             "sampler": {"type": kind, "sample_count": spp}})
+        if made.sampler().sample_count() != spp:  # some samplers round the count up
+            return sensor(spp, "independent")
+        return made
+
+    return Shot(width, height, sensor)
 
 
 def render(mi, scene, integrator, shot: Shot, spp: int, seed: int) -> np.ndarray:
@@ -44,12 +49,14 @@ def render(mi, scene, integrator, shot: Shot, spp: int, seed: int) -> np.ndarray
     passes = 1
     while shot.width * shot.height * spp > PASS_SAMPLES * passes and spp % (passes * 2) == 0:
         passes *= 2
-    sensor = _sensor(mi, shot, spp // passes)
+    sensor = shot.sensor(spp // passes)
     total = np.zeros((shot.height, shot.width, 9), np.float64)
     for k in range(passes):
-        image = mi.render(scene, sensor=sensor, integrator=integrator, spp=spp // passes,
-                          seed=(seed * 64 + k) & 0x7FFFFFFF)
-        total += np.array(image)[..., :9]
+        image = np.array(mi.render(scene, sensor=sensor, integrator=integrator, spp=spp // passes,
+                                   seed=(seed * 64 + k) & 0x7FFFFFFF))
+        colour = image[..., : 3 if image.shape[-1] > 8 else 1]  # a film of one channel
+        total += np.concatenate([np.broadcast_to(colour, total.shape[:2] + (3,)),
+                                 image[..., -6:]], -1)
     return (total / passes).astype(np.float32)
 
 
@@ -97,6 +104,9 @@ def write_group(mi, out: str, name: str, scene, integrator, shot: Shot, noisy: l
         raise
 
 
-def publish(out: str, name: str) -> None:
-    """Gives the finished folder its name."""
-    os.rename(os.path.join(out, f".{name}.tmp{os.getpid()}"), os.path.join(out, name))
+def publish(out: str, name: str, manifest: dict) -> None:
+    """Adds manifest.json to the finished folder and gives it its name."""
+    folder = os.path.join(out, f".{name}.tmp{os.getpid()}")
+    with open(os.path.join(folder, "manifest.json"), "w") as f:
+        json.dump(manifest, f, indent=1)
+    os.rename(folder, os.path.join(out, name))

@@ -16,54 +16,9 @@ import numpy as np
 
 from . import backend
 from .backend import SceneError
+from .options import bit_pair, count_list, seed_list, shard, size_pair
 
 ATTEMPTS = 8
-
-
-def seed_list(text: str) -> list[int]:
-    """"0:500" (end excluded), "7" or "1,5,9:12" to a sorted list."""
-    out: set[int] = set()
-    try:
-        for part in text.split(","):
-            a, _, b = part.partition(":")
-            out |= set(range(int(a), int(b))) if b else {int(a)}
-    except ValueError:
-        raise SceneError(f"--seeds: cannot read {text!r} (wanted: 0:500 or 1,5,9:12)", 2) from None
-    if not out or min(out) < 0 or max(out) > 9_999_999:
-        raise SceneError(f"--seeds: {text!r} is empty or outside 0..9999999", 2)
-    return sorted(out)
-
-
-def count_list(text: str, option: str, least: int = 1) -> list[int]:
-    """"1,2,4" to a sorted list of integers >= least."""
-    try:
-        out = sorted({int(x) for x in text.split(",")})
-    except ValueError:
-        raise SceneError(f"{option}: cannot read {text!r} (wanted: 1,2,4,8)", 2) from None
-    if out[0] < least:
-        raise SceneError(f"{option}: {text!r} holds a count below {least}", 2)
-    return out
-
-
-def bit_pair(text: str) -> tuple[int, int]:
-    try:
-        a, b = (int(x) for x in text.split(","))
-    except ValueError:
-        a = b = 0
-    if not (2 <= a <= 10 and 2 <= b <= 10):
-        raise SceneError(f"--bits: cannot read {text!r} (wanted: two of 2..10, as 6,8)", 2)
-    return a, b
-
-
-def shard(items: list, text: str) -> list:
-    """Every n-th item beginning with the i-th, of "i/n"."""
-    try:
-        i, n = (int(x) for x in text.split("/"))
-    except ValueError:
-        raise SceneError(f"--shard: cannot read {text!r} (wanted: i/n, i from 0)", 2) from None
-    if not 0 <= i < n:
-        raise SceneError(f"--shard: {text!r} must have 0 <= i < n", 2)
-    return items[i::n]
 
 
 def parser() -> argparse.ArgumentParser:
@@ -71,7 +26,7 @@ def parser() -> argparse.ArgumentParser:
                                 formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("out", metavar="OUT", help="folder of the data set; made if missing")
     p.add_argument("--seeds", default="0:100", help="scenes, e.g. 0:500 or 3,7,20:40")
-    p.add_argument("--size", type=int, default=256, help="width and height in pixels")
+    p.add_argument("--size", default="256", help="pixels: 256 or 320x208 (width x height)")
     p.add_argument("--spp", default="1,2,4,8,16,32", help="sample counts of the noisy images")
     p.add_argument("--pick", type=int, default=0, metavar="N",
                    help="render N of the counts, drawn per seed, few samples more often (0 = all)")
@@ -114,17 +69,18 @@ def judge(image: np.ndarray) -> str:
 def render_seed(mi, seed: int, args: argparse.Namespace, assets) -> dict:
     """Renders one scene into OUT; returns its manifest. Raises SceneError when nothing usable."""
     from . import features, picture, scene
-    counts, targets = count_list(args.spp, "--spp"), np.array(count_list(args.ref, "--ref", 2))
+    counts, targets = count_list(args.spp, "--spp"), np.array(count_list(args.ref, "--ref", 2), float)
+    width, height = size_pair(args.size)
     name, start, why = f"s{seed:05d}", time.process_time(), []
     for attempt in range(ATTEMPTS):
         try:
-            built = scene.build(mi, seed, attempt, assets, args.plain, args.size > 160)
+            built = scene.build(mi, seed, attempt, assets, args.plain, max(width, height) > 160)
         except ValueError as err:
             why.append(str(err))
             continue
         st = built.settings
         integrator = features.make(st.features, st.max_depth, st.fog > 0)
-        shot = picture.Shot(built.camera, args.size, args.size, st.rfilter, st.sampler)
+        shot = picture.shot(mi, built.camera, width, height, st.rfilter, st.sampler)
         pilot, _ = picture.clean(picture.render(mi, built.scene, integrator, shot, 8, seed))
         fault = judge(pilot)
         if fault:
@@ -133,18 +89,15 @@ def render_seed(mi, seed: int, args: argparse.Namespace, assets) -> dict:
         light = pilot[..., :3].mean(-1)
         gain = float(np.exp(st.log_exposure) / light.clip(0, np.percentile(light, 97)).mean())
         rng = np.random.default_rng([seed, 99])
-        target = int(rng.choice(targets, p=(1 / targets) / (1 / targets).sum()))
+        target = int(rng.choice(targets, p=targets ** -2.0 / (targets ** -2.0).sum()))
         noisy = draw_counts(rng, counts, args.pick, target)
         figures = picture.write_group(mi, args.out, name, built.scene, integrator, shot, noisy,
                                       target, seed, gain, bit_pair(args.bits))
-        manifest = {**st.manifest(), "size": args.size, "noisy": noisy, "target": target,
+        manifest = {**st.manifest(), "size": [width, height], "noisy": noisy, "target": target,
                     "gain": gain, "rejected": why, "variant": args.variant,
                     "mitsuba": mi.__version__, **figures,
                     "cpu_seconds": round(time.process_time() - start, 2)}
-        folder = os.path.join(args.out, f".{name}.tmp{os.getpid()}")
-        with open(os.path.join(folder, "manifest.json"), "w") as f:
-            json.dump(manifest, f, indent=1)
-        picture.publish(args.out, name)
+        picture.publish(args.out, name, manifest)
         return manifest
     raise SceneError(f"no usable view in {ATTEMPTS} attempts ({', '.join(why)})", 5)
 
@@ -174,8 +127,9 @@ def run(args: argparse.Namespace) -> int:
     bit_pair(args.bits)
     if count_list(args.spp, "--spp")[0] >= count_list(args.ref, "--ref", 2)[0]:
         raise SceneError("--ref: the target needs more samples than the least of --spp", 2)
-    if args.size < 8 or args.pick < 0:
-        raise SceneError("--size must be >= 8 and --pick >= 0", 2)
+    size_pair(args.size)
+    if args.pick < 0 or args.threads < 0:
+        raise SceneError("--pick and --threads must be >= 0", 2)
     try:
         os.makedirs(args.out, exist_ok=True)
         _same_options(args.out, args)
