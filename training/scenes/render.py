@@ -69,7 +69,8 @@ def judge(image: np.ndarray) -> str:
 def render_seed(mi, seed: int, args: argparse.Namespace, assets) -> dict:
     """Renders one scene into OUT; returns its manifest. Raises SceneError when nothing usable."""
     from . import features, picture, scene
-    counts, targets = count_list(args.spp, "--spp"), np.array(count_list(args.ref, "--ref", 2), float)
+    counts = count_list(args.spp, "--spp")
+    targets = np.array(count_list(args.ref, "--ref", 2), float)
     width, height = size_pair(args.size)
     name, start, why = f"s{seed:05d}", time.process_time(), []
     for attempt in range(ATTEMPTS):
