@@ -1,0 +1,390 @@
+/* lullInfo: what lull sees. Without arguments the processor and the ports of this build; of weights
+ * files the network, its cost and memory; of images their size, layers and values; with --compare
+ * the distance of images from a reference. docs/apps.md is its manual. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <lull.h>
+
+#include "compare.h"
+#include "device.h"
+#include "json.h"
+#include "layers.h"
+#include "platform.h"
+#include "report.h"
+
+typedef struct settings {
+    const char *reference;
+    const char **files; /* [argc] */
+    int count;
+    int width, height;
+    int is_json, is_help;
+} settings;
+
+/* ---- Processor
+ * ----------------------------------------------------------------------------------- */
+
+static void tell_ports(json *report)
+{
+    uint32_t available = lull_ports_available();
+    const char *cpu = oidnGetNumPhysicalDevices() > 0 ? oidnGetPhysicalDeviceString(0, "name") : "";
+    report_line("lull %d.%d.%d\n", LULL_VERSION_MAJOR, LULL_VERSION_MINOR, LULL_VERSION_PATCH);
+    report_line("CPU: %s\n", cpu ? cpu : "unknown");
+    json_text(report, "cpu", cpu ? cpu : "unknown");
+    json_open(report, "ports", '[');
+    for (unsigned i = 0; lull_port_name(i); i++) {
+        int runs = (available >> i & 1u) != 0;
+        report_line("  %-10s %s\n", lull_port_name(i), runs ? "runs here" : "not on this CPU");
+        json_open(report, NULL, '{');
+        json_text(report, "name", lull_port_name(i));
+        json_bool(report, "available", runs);
+        json_close(report, '}');
+    }
+    json_close(report, ']');
+}
+
+/* ---- Weights
+ * ------------------------------------------------------------------------------------- */
+
+static int is_weights(const char *path)
+{
+    unsigned char head[2] = {0, 0};
+    FILE *file = platform_is_directory(path) ? NULL : fopen(path, "rb");
+    size_t n = file ? fread(head, 1, 2, file) : 0;
+    if (file)
+        fclose(file);
+    return n == 2 && head[0] == 0xd7 && head[1] == 0x41;
+}
+
+/* Aligned memory from malloc; *block is what to free. */
+static void *aligned(size_t bytes, void **block)
+{
+    *block = malloc(bytes + LULL_ALIGN);
+    if (!*block)
+        return NULL;
+    return (char *)*block + (LULL_ALIGN - (uintptr_t)*block % LULL_ALIGN) % LULL_ALIGN;
+}
+
+static void tell_model(const settings *s, const char *path, const lull_model *model,
+                       size_t file_bytes, size_t model_bytes, json *report)
+{
+    static const unsigned features[] = {0, LULL_HAS_COLOR, LULL_HAS_COLOR | LULL_HAS_ALBEDO,
+                                        LULL_HAS_COLOR | LULL_HAS_ALBEDO | LULL_HAS_NORMAL};
+    lull_model_info info;
+    lull_frame frame;
+    size_t plan, least;
+    lull_model_get_info(model, &info);
+    frame = lull_frame_default((unsigned)s->width, (unsigned)s->height, LULL_HDR,
+                               features[info.inputs / 3 <= 3 ? info.inputs / 3 : 0]);
+    plan = lull_plan_size(&frame, model);
+    least = lull_plan_minimum(&frame, model);
+    report_line("%s: %s, %u inputs, %s\n", path, info.network, info.inputs,
+                info.is_integer ? "int8" : "fp16");
+    report_line("  %.1f kMAC/pixel, %llu parameters, %zu bytes in the file, %zu in memory\n",
+                (double)info.macs_per_pixel / 1000, (unsigned long long)info.parameters, file_bytes,
+                model_bytes);
+    report_line("  %dx%d: %.1f MB of working memory, %.1f MB at least\n", s->width, s->height,
+                (double)plan / 1e6, (double)least / 1e6);
+    json_text(report, "network", info.network);
+    json_number(report, "inputs", info.inputs);
+    json_bool(report, "integer", (int)info.is_integer);
+    json_number(report, "macs_per_pixel", (double)info.macs_per_pixel);
+    json_number(report, "parameters", (double)info.parameters);
+    json_number(report, "file_bytes", (double)file_bytes);
+    json_number(report, "model_bytes", (double)model_bytes);
+    json_number(report, "width", s->width);
+    json_number(report, "height", s->height);
+    json_number(report, "plan_bytes", (double)plan);
+    json_number(report, "plan_minimum_bytes", (double)least);
+}
+
+static exit_code tell_weights(const settings *s, const char *path, json *report)
+{
+    size_t bytes = 0, model_bytes;
+    void *tza = device_load_weights(path, &bytes), *block = NULL, *memory;
+    lull_model *model = NULL;
+    lull_status status;
+    exit_code code = EXIT_OK;
+    if (!tza)
+        return EXIT_INPUT;
+    model_bytes = lull_model_size(tza, bytes, LULL_PORTS_ALL);
+    /* Without a size lull_model_init says what is wrong; 64 KiB are enough for that. */
+    memory = aligned(model_bytes ? model_bytes : 65536, &block);
+    status = memory ? lull_model_init(&model, memory, model_bytes ? model_bytes : 65536, tza, bytes,
+                                      LULL_PORTS_ALL)
+                    : LULL_ERROR_MEMORY;
+    if (status)
+        code = report_error(EXIT_INPUT, "cannot use the weights '%s': %s", path,
+                            lull_status_text(status));
+    else
+        tell_model(s, path, model, bytes, model_bytes, report);
+    free(block);
+    free(tza);
+    return code;
+}
+
+/* ---- Images
+ * -------------------------------------------------------------------------------------- */
+
+static void tell_values(const image *img, json *report)
+{
+    size_t n = image_count(img), finite = 0;
+    float least = INFINITY, most = -INFINITY;
+    double sum = 0;
+    char text[16];
+    for (size_t i = 0; i < n; i++) {
+        float v = image_get(img, i);
+        if (!isfinite(v))
+            continue;
+        finite++;
+        sum += v;
+        least = v < least ? v : least;
+        most = v > most ? v : most;
+    }
+    snprintf(text, sizeof text, "%08x", (unsigned)image_hash(img));
+    report_line(" min=%g, max=%g, mean=%g, nonfinite=%zu, hash=%s\n", (double)least, (double)most,
+                finite ? sum / (double)finite : 0, n - finite, text);
+    json_number(report, "min", (double)least);
+    json_number(report, "max", (double)most);
+    json_number(report, "mean", finite ? sum / (double)finite : 0);
+    json_number(report, "nonfinite", (double)(n - finite));
+    json_text(report, "hash", text);
+}
+
+static void tell_layer(const image *img, image_role role, json *report)
+{
+    report_line("  %s", layers_role_name(role));
+    json_open(report, layers_role_name(role), '{');
+    if (img->is_layered) {
+        report_line(" (");
+        json_open(report, "layer", '[');
+        for (unsigned c = 0; c < img->channels; c++) {
+            report_line("%s%s", c ? " " : "", img->names[c]);
+            json_text(report, NULL, img->names[c]);
+        }
+        report_line(")");
+        json_close(report, ']');
+    }
+    json_text(report, "type", img->type == IMAGE_HALF ? "half" : "float");
+    report_line(": %s,", img->type == IMAGE_HALF ? "half" : "float");
+    tell_values(img, report);
+    json_close(report, '}');
+}
+
+/* The colour of an image and, of a multilayer file, its albedo and normals. Values are as stored.
+ */
+static exit_code tell_image(const char *path, json *report)
+{
+    for (int i = 0; i < 3; i++) {
+        image_request request = {(image_role)i, NULL, i > 0, IMAGE_ANY, 0};
+        image_error error;
+        image img;
+        image_status status = image_read(&img, path, &request, &error);
+        if (status && (!i || status != IMAGE_ERROR_LAYER))
+            return report_error(EXIT_INPUT, "cannot read '%s': %s", path, error.text);
+        if (status)
+            continue;
+        if (!i) {
+            report_line("%s: %zux%zu, %u channels%s\n", path, img.width, img.height, img.channels,
+                        img.alpha ? " and alpha" : "");
+            json_number(report, "width", (double)img.width);
+            json_number(report, "height", (double)img.height);
+            json_number(report, "channels", img.channels);
+        }
+        tell_layer(&img, (image_role)i, report);
+        if (!img.is_layered)
+            i = 3; /* no layers to look for */
+        image_destroy(&img);
+    }
+    return EXIT_OK;
+}
+
+/* ---- Comparison
+ * ---------------------------------------------------------------------------------- */
+
+static float luminance_at(const image *img, size_t pixel)
+{
+    static const float weights[3] = {0.2127f, 0.7152f, 0.0722f};
+    float sum = 0;
+    if (img->channels != 3)
+        return image_get(img, pixel * img->channels);
+    for (unsigned c = 0; c < 3; c++)
+        sum += weights[c] * image_get(img, pixel * 3 + c);
+    return sum;
+}
+
+static int ascending(const void *a, const void *b)
+{
+    float x = *(const float *)a, y = *(const float *)b;
+    return (x > y) - (x < y);
+}
+
+/* Factor that brings the 97th percentile of the luminance to 0.8; 1 if that is not possible. */
+static float display_scale(const image *img)
+{
+    size_t n = img->width * img->height;
+    float *values = malloc(n * sizeof *values), high = 0;
+    for (size_t i = 0; values && i < n; i++) {
+        values[i] = luminance_at(img, i);
+        values[i] = isfinite(values[i]) ? values[i] : 0;
+    }
+    if (values) {
+        qsort(values, n, sizeof *values, ascending);
+        high = values[(size_t)(0.97 * (double)(n - 1))];
+    }
+    free(values);
+    return high > 0 ? 0.8f / high : 1;
+}
+
+static float display(float v, float scale)
+{
+    v *= scale;
+    return srgb_encode(v > 0 ? v < 1 ? v : 1 : 0);
+}
+
+/* Peak signal to noise ratio in dB of the images as they would be shown: scaled, clipped, sRGB. */
+static double find_psnr(const image *reference, const image *img, float scale)
+{
+    double sum = 0;
+    size_t n = image_count(img);
+    for (size_t i = 0; i < n; i++) {
+        double d = display(image_get(img, i), scale) - display(image_get(reference, i), scale);
+        sum += d * d;
+    }
+    return sum > 0 ? -10 * log10(sum / (double)n) : INFINITY;
+}
+
+/* The main image of a file with linear values. */
+static exit_code load_linear(image *img, const char *path)
+{
+    image_request request = {IMAGE_COLOR, NULL, 0, IMAGE_FLOAT, 0};
+    image_error error;
+    if (image_read(img, path, &request, &error))
+        return report_error(EXIT_INPUT, "cannot read '%s': %s", path, error.text);
+    if (!image_path_is_linear(path))
+        image_decode_srgb(img);
+    return EXIT_OK;
+}
+
+static exit_code tell_comparison(const settings *s, const image *reference, float scale,
+                                 const char *path, json *report)
+{
+    image img;
+    comparison result;
+    double psnr;
+    exit_code code = load_linear(&img, path);
+    if (code)
+        return code;
+    if (img.width != reference->width || img.height != reference->height ||
+        img.channels != reference->channels) {
+        image_destroy(&img);
+        return report_error(EXIT_INPUT, "'%s' and '%s' differ in size or channels", path,
+                            s->reference);
+    }
+    image_compare(&result, reference, &img, COMPARE_MAX_ERROR);
+    psnr = find_psnr(reference, &img, scale);
+    report_line("%s: psnr=%.2f, values=%zu, errors=%zu, avgerror=%g\n", path, psnr, result.values,
+                result.errors, result.average);
+    json_number(report, "psnr", psnr);
+    json_number(report, "values", (double)result.values);
+    json_number(report, "errors", (double)result.errors);
+    json_number(report, "avgerror", result.average);
+    image_destroy(&img);
+    return EXIT_OK;
+}
+
+/* ---- Main
+ * ---------------------------------------------------------------------------------------- */
+
+static int add_file(void *user, const char *path)
+{
+    settings *s = user;
+    s->files[s->count++] = path;
+    return 0;
+}
+
+static int set_size(void *user, const char *const *v)
+{
+    settings *s = user;
+    return !option_parse_int(v[0], 1, IMAGE_MAX_SIZE, &s->width) ||
+           !option_parse_int(v[1], 1, IMAGE_MAX_SIZE, &s->height);
+}
+
+static const option table[] = {
+    {OPTION_TEXT, "compare", offsetof(settings, reference), 0, 0, NULL, NULL, 1, "REFERENCE",
+     "distance of the images from this one"},
+    {OPTION_CALL, "s size", 0, 0, 0, NULL, set_size, 2, "W H",
+     "frame whose memory is told of weights (1920 1080)"},
+    {OPTION_FLAG, "json", offsetof(settings, is_json), 1, 0, NULL, NULL, 0, NULL,
+     "print one JSON object instead of text"},
+    {OPTION_FLAG, "h help", offsetof(settings, is_help), 1, 0, NULL, NULL, 0, NULL, "this text"},
+};
+#define OPTIONS (sizeof table / sizeof table[0])
+
+static exit_code run(const settings *s, json *report)
+{
+    image reference = {0};
+    float scale = 1;
+    exit_code code = EXIT_OK;
+    if (!s->count && !s->reference) {
+        tell_ports(report);
+        return EXIT_OK;
+    }
+    if (s->reference) {
+        code = load_linear(&reference, s->reference);
+        scale = code ? 1 : display_scale(&reference);
+    }
+    json_open(report, "files", '[');
+    for (int i = 0; i < s->count && !code; i++) {
+        json_open(report, NULL, '{');
+        json_text(report, "file", s->files[i]);
+        if (s->reference)
+            code = tell_comparison(s, &reference, scale, s->files[i], report);
+        else if (is_weights(s->files[i]))
+            code = tell_weights(s, s->files[i], report);
+        else
+            code = tell_image(s->files[i], report);
+        json_close(report, '}');
+    }
+    json_close(report, ']');
+    image_destroy(&reference);
+    return code;
+}
+
+int main(int argc, char **argv)
+{
+    settings s;
+    json report;
+    exit_code code;
+    memset(&s, 0, sizeof s);
+    memset(&report, 0, sizeof report);
+    s.width = 1920;
+    s.height = 1080;
+    s.files = calloc((size_t)argc + 1, sizeof *s.files);
+    if (!s.files)
+        return report_error(EXIT_INPUT, "not enough memory");
+    if (options_parse(table, OPTIONS, &s, add_file, argc, argv) || s.is_help) {
+        if (s.is_help) {
+            printf("lullInfo: processor and ports; weights; images\n"
+                   "usage: lullInfo [WEIGHTS.tza | IMAGE]...\n"
+                   "       lullInfo --compare REFERENCE IMAGE...\n\n");
+            options_print(table, OPTIONS);
+        }
+        free(s.files);
+        return EXIT_USAGE;
+    }
+    if (s.is_json)
+        report_be_quiet();
+    json_open(&report, NULL, '{');
+    code = run(&s, &report);
+    json_number(&report, "exit_code", code);
+    if (code)
+        json_text(&report, "error", report_last_error());
+    json_close(&report, '}');
+    if (s.is_json)
+        json_print(&report);
+    free(report.text);
+    free(s.files);
+    return code;
+}
