@@ -2,6 +2,7 @@
 
 typedef struct net_row {
     const char *name, *key;
+    lull_family family;
 } net_row;
 
 typedef struct layer_row {
@@ -11,8 +12,13 @@ typedef struct layer_row {
     uint8_t pool;
 } layer_row;
 
+typedef struct head_row {
+    const char *net, *name, *source;
+    uint8_t level;
+} head_row;
+
 static const net_row nets[] = {
-#define NET(net, family, key) {#net, #key},
+#define NET(net, family, key) {#net, #key, LULL_FAMILY_##family},
 #include "nets.def"
 };
 
@@ -21,15 +27,38 @@ static const layer_row rows[] = {
 #include "nets.def"
 };
 
-#define COUNT(array) (sizeof(array) / sizeof(array)[0])
+static const head_row heads[] = {
+#define HEAD(net, head, source, level) {#net, #head, #source, level},
+#include "nets.def"
+};
 
-const char *lull_layer_name(const lull_layer *layer) { return rows[layer->row].name; }
+#define COUNT(array) (sizeof(array) / sizeof(array)[0])
+#define K_LEVELS 5u
+#define K_INPUTS 12u
 
 static int same(const char *a, const char *b)
 {
     while (*a && *a == *b)
         a++, b++;
     return *a == *b;
+}
+
+const char *lull_layer_name(const lull_layer *layer)
+{
+    static const char *const names[] = {"", "", "smooth", "demodulate", "pool", "filter", "blend"};
+    if (layer->op == LULL_OP_CONV)
+        return rows[layer->row].name;
+    return layer->op == LULL_OP_HEAD ? heads[layer->row].name : names[layer->op];
+}
+
+int lull_layer_is_conv(const lull_layer *layer)
+{
+    return layer->op == LULL_OP_CONV || layer->op == LULL_OP_HEAD;
+}
+
+int lull_layer_is_up(const lull_layer *layer)
+{
+    return layer->op == LULL_OP_CONV && layer->reads[0] == LULL_READS_COARSE;
 }
 
 /* Number of the tensor called `name` among those made so far; LULL_TENSOR_NONE if there is none. */
@@ -43,14 +72,26 @@ static uint8_t tensor_called(const lull_graph *graph, const char *name)
     return LULL_TENSOR_NONE;
 }
 
+unsigned lull_graph_find(const lull_graph *graph, lull_op op, unsigned level)
+{
+    for (unsigned i = 0; i < graph->layers; i++)
+        if (graph->layer[i].op == op && graph->layer[i].level == level)
+            return i + 1;
+    return LULL_TENSOR_NONE;
+}
+
 unsigned lull_graph_channels(const lull_graph *graph, unsigned tensor)
 {
+    if (tensor == LULL_TENSOR_RADIANCE)
+        return 3;
+    if (tensor == LULL_TENSOR_ALBEDO)
+        return 4;
     return tensor == LULL_TENSOR_INPUT ? graph->inputs : graph->layer[tensor - 1].outputs;
 }
 
 unsigned lull_graph_level(const lull_graph *graph, unsigned tensor)
 {
-    if (tensor == LULL_TENSOR_INPUT)
+    if (tensor == LULL_TENSOR_INPUT || tensor > LULL_MAX_LAYERS)
         return 0;
     return (unsigned)graph->layer[tensor - 1].level + graph->layer[tensor - 1].pool;
 }
@@ -58,9 +99,13 @@ unsigned lull_graph_level(const lull_graph *graph, unsigned tensor)
 lull_dtype lull_graph_dtype(const lull_graph *graph, unsigned tensor)
 {
     unsigned last = graph->layers;
-    if (!graph->is_integer)
+    if (!graph->is_integer || tensor > LULL_MAX_LAYERS)
         return LULL_DTYPE_F32;
-    if (tensor == LULL_TENSOR_INPUT || tensor == last || tensor == graph->layer[last - 1].source)
+    if (graph->family == LULL_FAMILY_K)
+        return tensor == LULL_TENSOR_INPUT || lull_layer_is_conv(&graph->layer[tensor - 1])
+                   ? LULL_DTYPE_U8
+                   : LULL_DTYPE_F32;
+    if (tensor == LULL_TENSOR_INPUT || tensor == last || tensor == graph->layer[last - 1].source[0])
         return LULL_DTYPE_U15;
     return LULL_DTYPE_U8;
 }
@@ -71,9 +116,16 @@ size_t lull_dtype_bytes(lull_dtype dtype)
     return bytes[dtype];
 }
 
+unsigned lull_layer_inputs(const lull_graph *graph, const lull_layer *layer, unsigned index)
+{
+    return layer->source[index] == LULL_TENSOR_NONE
+               ? 0
+               : lull_graph_channels(graph, layer->source[index]);
+}
+
 void lull_graph_tensors(lull_layer_tensors *tensors, const lull_layer *layer, const lull_tza *tza)
 {
-    const char *name = rows[layer->row].name;
+    const char *name = lull_layer_name(layer);
     memset(tensors, 0, sizeof *tensors);
     lull_tza_find(tza, name, ".weight", &tensors->weight);
     lull_tza_find(tza, name, ".skip.weight", &tensors->skip);
@@ -91,64 +143,153 @@ static int has_shape(const lull_tza_tensor *tensor, char dtype, uint32_t o, uint
 }
 
 /* 1 if the layer's tensors are what its channels demand. */
-static int shapes_fit(const lull_layer *layer, const lull_layer_tensors *t, int is_integer)
+static int shapes_fit(const lull_graph *graph, const lull_layer *layer, const lull_layer_tensors *t)
 {
-    uint32_t outputs = layer->outputs, inputs = layer->in_source;
+    uint32_t outputs = layer->outputs, inputs = lull_layer_inputs(graph, layer, 0);
+    uint32_t skip = lull_layer_inputs(graph, layer, 1);
+    uint32_t side = layer->op == LULL_OP_HEAD ? 1 : lull_layer_is_up(layer) ? 2 : 3;
     char dtype = t->weight.dtype;
-    if (!is_integer)
+    if (!graph->is_integer)
         return (dtype == 'h' || dtype == 'f') && (t->bias.dtype == 'h' || t->bias.dtype == 'f') &&
-               has_shape(&t->weight, dtype, outputs, inputs + layer->in_skip, 3) &&
+               has_shape(&t->weight, dtype, outputs, inputs + skip, 3) &&
                has_shape(&t->bias, t->bias.dtype, outputs, 0, 0);
-    return has_shape(&t->weight, 'b', layer->up ? 4 * outputs : outputs, inputs,
-                     layer->up ? 2 : 3) &&
-           (!layer->in_skip || has_shape(&t->skip, 'b', outputs, layer->in_skip, 3)) &&
+    return has_shape(&t->weight, 'b', side == 2 ? 4 * outputs : outputs, inputs, side) &&
+           (!skip || has_shape(&t->skip, 'b', outputs, skip, 3)) &&
            has_shape(&t->bias, 'i', outputs, 0, 0) && has_shape(&t->scale, 'f', outputs, 0, 0) &&
            (t->shift.rank == 0 || has_shape(&t->shift, 'i', 1, 0, 0));
 }
 
-/* Appends a layer: its channels are the shapes of its tensors, which must suit the layers before. */
-static lull_status add_layer(lull_graph *graph, const layer_row *row, const lull_tza *tza)
+/* Room for one more layer, without sources; NULL if there is none. */
+static lull_layer *new_layer(lull_graph *graph, lull_op op, unsigned level, unsigned outputs)
+{
+    lull_layer *layer = &graph->layer[graph->layers];
+    if (graph->layers == LULL_MAX_LAYERS)
+        return NULL;
+    memset(layer, 0, sizeof *layer);
+    memset(layer->source, LULL_TENSOR_NONE, sizeof layer->source);
+    layer->op = (uint8_t)op;
+    layer->level = (uint8_t)level;
+    layer->outputs = (uint16_t)outputs;
+    return layer;
+}
+
+static void add_source(lull_layer *layer, unsigned tensor, lull_reads reads)
+{
+    unsigned i = 0;
+    while (layer->source[i] != LULL_TENSOR_NONE)
+        i++;
+    layer->source[i] = (uint8_t)tensor;
+    layer->reads[i] = (uint8_t)reads;
+}
+
+/* Completes a convolution: its channels are the shapes of its tensors. */
+static lull_status read_shapes(lull_graph *graph, lull_layer *layer, const lull_tza *tza)
 {
     lull_layer_tensors tensors;
-    lull_layer *layer = &graph->layer[graph->layers];
     uint32_t outputs;
-    if (graph->layers == LULL_MAX_LAYERS)
-        return LULL_ERROR_NETWORK;
-    layer->row = (uint8_t)(row - rows);
     lull_graph_tensors(&tensors, layer, tza);
     outputs = tensors.bias.rank == 1 ? tensors.bias.dims[0] : 0;
     if (!outputs || outputs > LULL_MAX_CHANNELS || tensors.weight.rank != 4)
         return LULL_ERROR_NETWORK;
+    layer->outputs = (uint16_t)outputs;
     if (graph->layers == 0) {
         graph->is_integer = tensors.weight.dtype == 'b';
         graph->inputs = tensors.weight.dims[1];
-        if (graph->inputs > 9 || graph->inputs % 3)
-            return LULL_ERROR_NETWORK;
     }
-    layer->source = tensor_called(graph, row->source);
-    layer->skip = tensor_called(graph, row->skip);
-    layer->up = row->up == 2;
-    layer->pool = row->pool == 2;
-    layer->outputs = (uint16_t)outputs;
-    layer->in_source = (uint16_t)lull_graph_channels(graph, layer->source);
-    layer->in_skip = 0;
-    if (layer->skip != LULL_TENSOR_NONE)
-        layer->in_skip = (uint16_t)lull_graph_channels(graph, layer->skip);
-    layer->level = (uint8_t)(lull_graph_level(graph, layer->source) - layer->up);
-    if (!shapes_fit(layer, &tensors, graph->is_integer))
+    if (!shapes_fit(graph, layer, &tensors))
         return LULL_ERROR_NETWORK;
     graph->levels = lull_max_u(graph->levels, (unsigned)layer->level + layer->pool);
     graph->layers++;
     return LULL_OK;
 }
 
-/* How far the output looks: half the receptive field, rounded up to the alignment. A convolution at
- * level l adds 2^l pixels a side; pooling and nearest upsampling move its grid by up to 2^l - 1. */
+static lull_status add_layer(lull_graph *graph, const layer_row *row, const lull_tza *tza)
+{
+    lull_layer *layer = new_layer(graph, LULL_OP_CONV, 0, 0);
+    unsigned source = tensor_called(graph, row->source), up = row->up == 2;
+    if (!layer)
+        return LULL_ERROR_NETWORK;
+    layer->row = (uint8_t)(row - rows);
+    layer->level = (uint8_t)(lull_graph_level(graph, source) - up);
+    layer->pool = row->pool == 2;
+    add_source(layer, source, up ? LULL_READS_COARSE : LULL_READS_3);
+    if (!same(row->skip, "none"))
+        add_source(layer, tensor_called(graph, row->skip), LULL_READS_3);
+    return read_shapes(graph, layer, tza);
+}
+
+static lull_status add_head(lull_graph *graph, const head_row *row, const lull_tza *tza)
+{
+    lull_layer *layer = new_layer(graph, LULL_OP_HEAD, row->level, 0);
+    lull_status status;
+    if (!layer)
+        return LULL_ERROR_NETWORK;
+    layer->row = (uint8_t)(row - heads);
+    add_source(layer, tensor_called(graph, row->source), LULL_READS_ROW);
+    status = read_shapes(graph, layer, tza);
+    if (status == LULL_OK && layer->outputs != (row->level ? 27 : 52))
+        status = LULL_ERROR_NETWORK;
+    return status;
+}
+
+/* Appends a layer of the filter; sources[i] is read as reads[i]. Returns its tensor. */
+static unsigned add_filter(lull_graph *graph, lull_op op, unsigned level, unsigned outputs,
+                           const unsigned *sources, const lull_reads *reads)
+{
+    lull_layer *layer = new_layer(graph, op, level, outputs);
+    if (!layer)
+        return LULL_TENSOR_NONE;
+    for (unsigned i = 0; i < LULL_MAX_SOURCES && sources[i] != LULL_TENSOR_NONE; i++)
+        add_source(layer, sources[i], reads[i]);
+    return ++graph->layers;
+}
+
+/* The filter of family K, docs/kernel-prediction.md. */
+static lull_status add_filters(lull_graph *graph)
+{
+    static const lull_reads smooth[] = {LULL_READS_5, LULL_READS_ROW};
+    static const lull_reads rows3[] = {LULL_READS_ROW, LULL_READS_ROW, LULL_READS_ROW};
+    static const lull_reads pool[] = {LULL_READS_FINE, LULL_READS_ROW};
+    static const lull_reads blend[] = {LULL_READS_ROW, LULL_READS_COARSE};
+    unsigned head[K_LEVELS], filtered[K_LEVELS], v, result;
+    for (unsigned s = 0; s < K_LEVELS; s++) {
+        head[s] = lull_graph_find(graph, LULL_OP_HEAD, s);
+        if (head[s] == LULL_TENSOR_NONE)
+            return LULL_ERROR_NETWORK;
+    }
+    if (!graph->is_integer || graph->inputs != K_INPUTS || graph->levels != K_LEVELS - 1)
+        return LULL_ERROR_NETWORK;
+    v = add_filter(graph, LULL_OP_SMOOTH, 0, 3,
+                   (unsigned[]){LULL_TENSOR_ALBEDO, head[0], LULL_TENSOR_NONE}, smooth);
+    v = add_filter(graph, LULL_OP_DEMODULATE, 0, 4,
+                   (unsigned[]){LULL_TENSOR_RADIANCE, v, head[0]}, rows3);
+    for (unsigned s = 0; s < K_LEVELS; s++) {
+        if (s > 0)
+            v = add_filter(graph, LULL_OP_POOL, s, 4,
+                           (unsigned[]){v, head[s], LULL_TENSOR_NONE}, pool);
+        filtered[s] = add_filter(graph, LULL_OP_FILTER, s, 4,
+                                 (unsigned[]){v, head[s], LULL_TENSOR_NONE}, smooth);
+    }
+    result = filtered[K_LEVELS - 1];
+    for (unsigned s = K_LEVELS - 1; s-- > 0;)
+        result = add_filter(graph, LULL_OP_BLEND, s, s ? 4 : 3,
+                            (unsigned[]){filtered[s], result, LULL_TENSOR_NONE}, blend);
+    return result == LULL_TENSOR_NONE ? LULL_ERROR_NETWORK : LULL_OK;
+}
+
+/* How far the output looks, rounded up to the alignment. A kernel of radius r at level l adds r * 2^l
+ * pixels a side; pooling and upsampling move its grid by up to 2^l - 1. */
 static unsigned reach(const lull_graph *graph)
 {
+    static const uint8_t radius[] = {0, 1, 2, 1, 0};
     unsigned field = 0, align = 1u << graph->levels;
-    for (unsigned i = 0; i < graph->layers; i++)
-        field += 1u << graph->layer[i].level;
+    for (unsigned i = 0; i < graph->layers; i++) {
+        const lull_layer *layer = &graph->layer[i];
+        unsigned most = 0;
+        for (unsigned s = 0; s < LULL_MAX_SOURCES && layer->source[s] != LULL_TENSOR_NONE; s++)
+            most = lull_max_u(most, radius[layer->reads[s]]);
+        field += most << layer->level;
+    }
     field += align - 1; /* phase of the pixel inside its coarsest cell */
     return (unsigned)lull_align_up(field, align);
 }
@@ -156,6 +297,7 @@ static unsigned reach(const lull_graph *graph)
 lull_status lull_graph_build(lull_graph *graph, const lull_tza *tza)
 {
     lull_tza_tensor tensor;
+    lull_status status = LULL_OK;
     size_t n = 0;
     while (n < COUNT(nets) && !lull_tza_find(tza, nets[n].key, ".weight", &tensor))
         n++;
@@ -163,16 +305,20 @@ lull_status lull_graph_build(lull_graph *graph, const lull_tza *tza)
         return LULL_ERROR_NETWORK;
     memset(graph, 0, sizeof *graph);
     graph->network = nets[n].name;
-    for (size_t i = 0; i < COUNT(rows); i++) {
-        lull_status status;
-        if (!same(rows[i].net, nets[n].name))
-            continue;
-        status = add_layer(graph, &rows[i], tza);
-        if (status != LULL_OK)
-            return status;
-    }
+    graph->family = nets[n].family;
+    for (size_t i = 0; i < COUNT(rows) && status == LULL_OK; i++)
+        if (same(rows[i].net, nets[n].name))
+            status = add_layer(graph, &rows[i], tza);
+    for (size_t i = 0; i < COUNT(heads) && status == LULL_OK; i++)
+        if (same(heads[i].net, nets[n].name))
+            status = add_head(graph, &heads[i], tza);
+    if (status == LULL_OK && graph->family == LULL_FAMILY_K)
+        status = add_filters(graph);
+    if (status != LULL_OK)
+        return status;
     graph->overlap = reach(graph);
-    if (graph->layer[graph->layers - 1].outputs < 3)
+    if (graph->family == LULL_FAMILY_U && (graph->layer[graph->layers - 1].outputs < 3 ||
+                                           graph->inputs > 9 || graph->inputs % 3))
         return LULL_ERROR_NETWORK;
     return LULL_OK;
 }
@@ -182,8 +328,9 @@ uint64_t lull_graph_macs_per_pixel(const lull_graph *graph)
     uint64_t macs = 0; /* at the coarsest grid, summed exactly, then divided */
     for (unsigned i = 0; i < graph->layers; i++) {
         const lull_layer *layer = &graph->layer[i];
-        uint64_t taps = 9u * (uint64_t)(layer->in_source + layer->in_skip) * layer->outputs;
-        macs += taps << (2 * (graph->levels - layer->level));
+        uint64_t inputs = lull_layer_inputs(graph, layer, 0) + lull_layer_inputs(graph, layer, 1);
+        uint64_t taps = layer->op == LULL_OP_CONV ? 9 : layer->op == LULL_OP_HEAD ? 1 : 0;
+        macs += taps * inputs * layer->outputs << (2 * (graph->levels - layer->level));
     }
     return macs >> (2 * graph->levels);
 }

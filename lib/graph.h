@@ -5,29 +5,59 @@
 #include "base.h"
 #include "tza.h"
 
-#define LULL_MAX_LAYERS 20
+#define LULL_MAX_LAYERS 34
 #define LULL_MAX_CHANNELS 1024 /* of any one tensor; bounds scratch memory and sums */
 
-/* Tensors are numbered: 0 is the input of the network, 1 + i the output of layer i. */
+/* Tensors are numbered: 0 is the input of the network, 1 + i the output of layer i. Family K also keeps
+ * the unencoded radiance (r,g,b) and albedo (1,r,g,b; zeros outside the image) of the frame. */
 #define LULL_TENSOR_INPUT 0
+#define LULL_TENSOR_RADIANCE (LULL_MAX_LAYERS + 1)
+#define LULL_TENSOR_ALBEDO (LULL_MAX_LAYERS + 2)
+#define LULL_TENSORS (LULL_MAX_LAYERS + 3)
 #define LULL_TENSOR_NONE 0xff
 
 /* Elements of a tensor: fp32, or integer codes in 8 bits (narrow) or in 15 of 16 bits (wide). */
 typedef enum lull_dtype { LULL_DTYPE_F32, LULL_DTYPE_U8, LULL_DTYPE_U15 } lull_dtype;
 size_t lull_dtype_bytes(lull_dtype dtype);
 
+typedef enum lull_family { LULL_FAMILY_U, LULL_FAMILY_K } lull_family;
+
+/* What a layer does. Convolutions have weights; the others are the filter of family K, in the order of
+ * docs/kernel-prediction.md, and make fp32 tensors. */
+typedef enum lull_op {
+    LULL_OP_CONV,       /* 3x3 */
+    LULL_OP_HEAD,       /* 1x1 */
+    LULL_OP_SMOOTH,     /* albedo, head: filtered albedo + epsilon */
+    LULL_OP_DEMODULATE, /* radiance, smooth, head: (confidence, confidence * demodulated radiance) */
+    LULL_OP_POOL,       /* the same of the next level, head of that level */
+    LULL_OP_FILTER,     /* it, head: filtered radiance and blend weight (r,g,b,beta) */
+    LULL_OP_BLEND       /* it, coarser result: result (r,g,b) */
+} lull_op;
+
+/* Rows of a source that row y of a layer sees. */
+typedef enum lull_reads {
+    LULL_READS_ROW,    /* y */
+    LULL_READS_3,      /* y-1 .. y+1 */
+    LULL_READS_5,      /* y-2 .. y+2 */
+    LULL_READS_COARSE, /* of half the resolution: (y+1)/2 - 1 and (y+1)/2 */
+    LULL_READS_FINE    /* of twice the resolution: 2y, 2y+1 */
+} lull_reads;
+
+#define LULL_MAX_SOURCES 3
+
 typedef struct lull_layer {
-    uint8_t row;       /* number of its LAYER row in nets.def */
-    uint8_t source;    /* tensor */
-    uint8_t skip;      /* tensor or LULL_TENSOR_NONE */
-    uint8_t up;        /* 1: the source is upsampled by 2 */
-    uint8_t pool;      /* 1: the result is max-pooled by 2 */
-    uint8_t level;     /* the convolution runs at 1/2^level resolution */
-    uint16_t in_source, in_skip, outputs; /* channels; in_skip 0 without skip */
+    uint8_t op;    /* lull_op */
+    uint8_t row;   /* number of its LAYER or HEAD row in nets.def, for the name */
+    uint8_t level; /* the layer runs at 1/2^level resolution, ... */
+    uint8_t pool;  /* ... and its result is max-pooled by 2 if this is 1 */
+    uint8_t source[LULL_MAX_SOURCES]; /* tensors; LULL_TENSOR_NONE where there are fewer */
+    uint8_t reads[LULL_MAX_SOURCES];
+    uint16_t outputs; /* channels */
 } lull_layer;
 
 typedef struct lull_graph {
     const char *network; /* static */
+    lull_family family;
     unsigned layers;
     int is_integer;   /* int8 weights; docs/arithmetic.md */
     unsigned inputs;  /* channels of tensor 0 */
@@ -55,6 +85,17 @@ const char *lull_layer_name(const lull_layer *layer);
 unsigned lull_graph_channels(const lull_graph *graph, unsigned tensor);
 unsigned lull_graph_level(const lull_graph *graph, unsigned tensor);
 lull_dtype lull_graph_dtype(const lull_graph *graph, unsigned tensor);
+
+/* 1 if the layer has weights. */
+int lull_layer_is_conv(const lull_layer *layer);
+/* 1 if its first source is upsampled by 2. */
+int lull_layer_is_up(const lull_layer *layer);
+
+/* Channels of a layer's source number `index`; 0 where there is none. */
+unsigned lull_layer_inputs(const lull_graph *graph, const lull_layer *layer, unsigned index);
+
+/* Tensor made by the layer of this op and level; LULL_TENSOR_NONE if there is none. */
+unsigned lull_graph_find(const lull_graph *graph, lull_op op, unsigned level);
 
 uint64_t lull_graph_macs_per_pixel(const lull_graph *graph);
 

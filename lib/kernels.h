@@ -47,6 +47,9 @@ typedef struct lull_conv {
     lull_segment segment[LULL_MAX_SEGMENTS];
 } lull_conv;
 
+/* filter5: out[4 p + c] = sum over k = 0..24 of table[codes[p * code_step + k]] *
+ * rows[k / 5][4 (p + k % 5 - 2) + c], in that order, no contraction: bit-equal on every port. */
+
 typedef struct lull_kernels {
     unsigned block_f32; /* output channels a weight block holds, fp32 */
     unsigned block_int;

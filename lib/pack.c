@@ -1,5 +1,7 @@
 #include "pack.h"
 
+#include "transfer.h"
+
 /* Kernel taps that fall together when a 3x3 kernel is applied to a source upsampled by 2: for output
  * phase p and row (or column) a of the 2x2 kernel on the small source, taps first..last. */
 static const struct {
@@ -22,7 +24,7 @@ typedef struct block {
 
 unsigned lull_pack_block(const lull_layer *layer, unsigned phase, unsigned row)
 {
-    return LULL_PACK_SOURCE + (layer->up ? 2 * phase + row : row);
+    return LULL_PACK_SOURCE + (lull_layer_is_up(layer) ? 2 * phase + row : row);
 }
 
 /* Describes block number `index` of a layer; returns 0 if the layer has no such block. */
@@ -30,18 +32,20 @@ static int describe(block *b, const lull_graph *graph, unsigned l, unsigned inde
                     const lull_layer_tensors *tensors)
 {
     const lull_layer *layer = &graph->layer[l];
-    int is_skip = index >= LULL_PACK_SKIP;
+    unsigned is_skip = index >= LULL_PACK_SKIP;
+    int is_head = layer->op == LULL_OP_HEAD, is_up = lull_layer_is_up(layer);
     memset(b, 0, sizeof *b);
-    if (is_skip ? !layer->in_skip : !layer->up && index >= 3)
+    b->inputs = lull_layer_inputs(graph, layer, is_skip);
+    if (!lull_layer_is_conv(layer) || !b->inputs ||
+        (!is_skip && !is_up && index >= (is_head ? 1u : 3u)))
         return 0;
     b->weight = is_skip && graph->is_integer ? &tensors->skip : &tensors->weight;
-    b->dtype = lull_graph_dtype(graph, is_skip ? layer->skip : layer->source);
+    b->dtype = lull_graph_dtype(graph, layer->source[is_skip]);
     b->outputs = layer->outputs;
-    b->inputs = is_skip ? layer->in_skip : layer->in_source;
-    b->offset = is_skip && !graph->is_integer ? layer->in_source : 0;
-    b->columns = 3;
+    b->offset = is_skip && !graph->is_integer ? lull_layer_inputs(graph, layer, 0) : 0;
+    b->columns = is_head ? 1 : 3;
     b->row = is_skip ? index - LULL_PACK_SKIP : index;
-    if (layer->up && !is_skip) {
+    if (is_up && !is_skip) {
         b->columns = 2;
         b->row = index & 1;
         b->phase_x = index >> 1 & 1;
@@ -134,7 +138,7 @@ static int sums_fit(const lull_graph *graph, unsigned l, const lull_layer_tensor
         block b;
         int64_t sum;
         if (!describe(&b, graph, l, i, tensors) ||
-            (layer->up && i < LULL_PACK_SKIP && i >> 1 != phase))
+            (lull_layer_is_up(layer) && i < LULL_PACK_SKIP && i >> 1 != phase))
             continue;
         sum = tap_sum(&b, o);
         if (sum < 0)
@@ -152,6 +156,8 @@ static lull_status check_integer(const lull_graph *graph, unsigned l, const lull
     const lull_layer *layer = &graph->layer[l];
     lull_layer_tensors tensors;
     int32_t shift;
+    if (!lull_layer_is_conv(layer))
+        return LULL_OK;
     lull_graph_tensors(&tensors, layer, tza);
     shift = tensors.shift.rank ? lull_tza_int(&tensors.shift, 0) : 0;
     if (shift < 0 || shift > 15 || (layer->pool && lull_graph_dtype(graph, l + 1) != LULL_DTYPE_U8))
@@ -160,7 +166,7 @@ static lull_status check_integer(const lull_graph *graph, unsigned l, const lull
         float scale = lull_tza_float(&tensors.scale, o);
         if (!(scale >= 0.0f && scale < 0.5f))
             return LULL_ERROR_NETWORK;
-        for (unsigned phase = 0; phase < (layer->up ? 4u : 1u); phase++)
+        for (unsigned phase = 0; phase < (lull_layer_is_up(layer) ? 4u : 1u); phase++)
             if (!sums_fit(graph, l, &tensors, o, phase, (unsigned)shift))
                 return LULL_ERROR_NETWORK;
     }
@@ -171,7 +177,7 @@ static lull_status check_integer(const lull_graph *graph, unsigned l, const lull
 static lull_status read_scales(lull_model *model, const lull_tza *tza)
 {
     lull_tza_tensor input, output;
-    if (!model->graph.is_integer)
+    if (!model->graph.is_integer || model->graph.family == LULL_FAMILY_K)
         return LULL_OK;
     if (!lull_tza_find(tza, "input", ".scale", &input) || input.rank != 1 || input.dtype != 'f' ||
         input.dims[0] != model->graph.inputs ||
@@ -186,6 +192,16 @@ static lull_status read_scales(lull_model *model, const lull_tza *tza)
     model->output_scale = lull_tza_float(&output, 0);
     return model->output_scale >= 0.0f && model->output_scale <= 1e6f ? LULL_OK
                                                                       : LULL_ERROR_NETWORK;
+}
+
+/* E and beta of docs/kernel-prediction.md. */
+static void fill_tables(lull_model *model)
+{
+    const float per_code = 0.0901684401f; /* log2(e) / 16 */
+    for (int q = 0; q < 256; q++) {
+        model->weight_table[q] = lull_exp2((float)(q - 255) * per_code);
+        model->blend_table[q] = 1.0f / (1.0f + lull_exp2((float)(128 - q) * per_code));
+    }
 }
 
 /* ---- Models ----------------------------------------------------------------------------------------- */
@@ -204,6 +220,8 @@ static size_t layout(lull_packed_layer *packed, const lull_graph *graph, unsigne
     block b;
     memset(packed, 0, sizeof *packed);
     memset(&none, 0, sizeof none);
+    if (!lull_layer_is_conv(&graph->layer[l]))
+        return total;
     for (unsigned i = 0; i < LULL_PACK_BLOCKS; i++)
         if (describe(&b, graph, l, i, &none))
             packed->weights[i] = lull_append(
@@ -223,6 +241,8 @@ static void pack_layer(lull_model *model, unsigned l, const lull_tza *tza)
     uint8_t *base = (uint8_t *)model;
     lull_layer_tensors tensors;
     block b;
+    if (!lull_layer_is_conv(layer))
+        return;
     lull_graph_tensors(&tensors, layer, tza);
     for (unsigned i = 0; i < LULL_PACK_BLOCKS; i++)
         if (describe(&b, &model->graph, l, i, &tensors))
@@ -298,6 +318,7 @@ lull_status lull_model_init(lull_model **model, void *memory, size_t memory_byte
         if (status == LULL_OK)
             pack_layer(made, l, &tza);
     }
+    fill_tables(made);
     if (status == LULL_OK)
         *model = made;
     return status;
@@ -315,6 +336,9 @@ void lull_model_get_info(const lull_model *model, lull_model_info *info)
     info->parameters = 0;
     for (unsigned l = 0; l < graph->layers; l++) {
         const lull_layer *layer = &graph->layer[l];
-        info->parameters += layer->outputs * (9u * (uint64_t)(layer->in_source + layer->in_skip) + 1);
+        unsigned inputs = lull_layer_inputs(graph, layer, 0) + lull_layer_inputs(graph, layer, 1);
+        if (lull_layer_is_conv(layer))
+            info->parameters +=
+                layer->outputs * ((layer->op == LULL_OP_HEAD ? 1u : 9u) * (uint64_t)inputs + 1);
     }
 }

@@ -22,6 +22,7 @@ struct lull_model {
     size_t bytes; /* of the whole model */
     float input_scale[9]; /* codes per network value; integer models only, like output_scale */
     float output_scale;   /* network value of one code */
+    float weight_table[256], blend_table[256]; /* family K: of codes; docs/kernel-prediction.md */
     lull_packed_layer layer[LULL_MAX_LAYERS];
 };
 

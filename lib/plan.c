@@ -6,60 +6,79 @@
  * this many bytes (half of a small L2 cache). */
 #define TASK_BYTES (192u << 10)
 #define CHUNK_STEP 24u /* columns of a task are multiples of this: even, and whole kernel tiles */
+#define BORDER 2u     /* pixels of zeros beside a row; on the left aligned, see lull_ring_left */
 #define ROW_SLACK 16u /* readable bytes after a row's right border */
 
 /* Row steps, fastest first. A step of 1 would need more memory again: coarse layers then run ahead. */
 static const unsigned steps[] = {16, 8, 4, 2};
 #define STEP_COUNT (sizeof steps / sizeof steps[0])
 
-/* Rows of a layer's output (pooled if it pools) that can be made once its source and skip have made
- * source_rows and skip_rows of theirs; `height` is the number of rows of its convolution in all. */
-static unsigned rows_ready(const lull_layer *layer, unsigned source_rows, unsigned skip_rows,
-                           unsigned height)
+/* Rows of a layer (before pooling) that `rows` of a source's `height` rows allow; `all` is the number of
+ * rows of the layer. */
+static unsigned rows_ready(lull_reads reads, unsigned rows, unsigned height, unsigned all)
 {
-    unsigned source_height = layer->up ? height / 2 : height;
-    unsigned rows = height;
-    if (source_rows < source_height)
-        rows = source_rows == 0 ? 0 : layer->up ? 2 * source_rows - 1 : source_rows - 1;
-    if (layer->skip != LULL_TENSOR_NONE && skip_rows < height)
-        rows = lull_min_u(rows, skip_rows == 0 ? 0 : skip_rows - 1);
-    return layer->pool ? rows / 2 : rows;
+    static const uint8_t below[] = {0, 1, 2}; /* rows after y that are read */
+    if (rows >= height)
+        return all;
+    if (reads == LULL_READS_COARSE)
+        return rows ? 2 * rows - 1 : 0;
+    if (reads == LULL_READS_FINE)
+        return rows / 2;
+    return rows > below[reads] ? rows - below[reads] : 0;
 }
 
-/* The first row of a layer's source (or skip) that it still needs, having made `done` output rows. */
-static unsigned rows_needed(const lull_layer *layer, int of_skip, unsigned done)
+/* The first row of a source that a layer still needs whose next row (before pooling) is `row`. */
+static unsigned rows_needed(lull_reads reads, unsigned row)
 {
-    unsigned row = layer->pool ? 2 * done : done; /* the next convolution row */
-    if (layer->up && !of_skip)
+    static const uint8_t above[] = {0, 1, 2, 1, 0};
+    if (reads == LULL_READS_COARSE)
         row = (row + 1) / 2;
-    return row == 0 ? 0 : row - 1;
+    if (reads == LULL_READS_FINE)
+        row = 2 * row;
+    return row > above[reads] ? row - above[reads] : 0;
+}
+
+int lull_plan_has(const lull_plan *plan, unsigned tensor)
+{
+    const lull_graph *graph = &plan->model->graph;
+    return tensor <= graph->layers ||
+           (graph->family == LULL_FAMILY_K && tensor > LULL_MAX_LAYERS && tensor < LULL_TENSORS);
 }
 
 unsigned lull_plan_turn(const lull_plan *plan, unsigned l)
 {
-    const lull_layer *layer = &plan->model->graph.layer[l];
-    unsigned skip_rows = layer->skip == LULL_TENSOR_NONE ? 0 : plan->done[layer->skip];
-    unsigned ready = rows_ready(layer, plan->done[layer->source], skip_rows,
-                                plan->height >> layer->level);
+    const lull_graph *graph = &plan->model->graph;
+    const lull_layer *layer = &graph->layer[l];
+    unsigned all = plan->height >> layer->level, ready = all;
     unsigned turn = lull_max_u(plan->row_step >> (layer->level + layer->pool), 1);
-    return lull_min_u(ready, plan->done[l + 1] + turn);
+    for (unsigned s = 0; s < LULL_MAX_SOURCES && layer->source[s] != LULL_TENSOR_NONE; s++)
+        ready = lull_min_u(ready, rows_ready((lull_reads)layer->reads[s],
+                                             plan->done[layer->source[s]],
+                                             plan->height >> lull_graph_level(graph, layer->source[s]),
+                                             all));
+    return lull_min_u(ready >> layer->pool, plan->done[l + 1] + turn);
 }
 
-/* Rows of tensor t that are still needed, given what its consumers and the output have made. */
+/* Rows of a tensor that are still needed, given what its consumers and the output have made. */
 static unsigned rows_alive(const lull_plan *plan, unsigned tensor)
 {
     const lull_graph *graph = &plan->model->graph;
     unsigned needed = plan->done[tensor];
     for (unsigned l = 0; l < graph->layers; l++) {
         const lull_layer *layer = &graph->layer[l];
-        if (layer->source == tensor)
-            needed = lull_min_u(needed, rows_needed(layer, 0, plan->done[l + 1]));
-        if (layer->skip == tensor)
-            needed = lull_min_u(needed, rows_needed(layer, 1, plan->done[l + 1]));
+        for (unsigned s = 0; s < LULL_MAX_SOURCES; s++)
+            if (layer->source[s] == tensor)
+                needed = lull_min_u(needed, rows_needed((lull_reads)layer->reads[s],
+                                                        plan->done[l + 1] << layer->pool));
     }
-    if (tensor == graph->layers)
-        needed = lull_min_u(needed, plan->stored);
+    if (tensor == graph->layers || tensor == lull_graph_find(graph, LULL_OP_SMOOTH, 0))
+        needed = lull_min_u(needed, plan->stored); /* what the output is made of */
     return plan->done[tensor] - needed;
+}
+
+static void grow_ring(lull_plan *plan, unsigned tensor)
+{
+    plan->ring[tensor].rows = lull_max_u(plan->ring[tensor].rows, rows_alive(plan, tensor));
 }
 
 /* Plays the whole frame through and sets the rows of every ring, and the delay. */
@@ -69,14 +88,17 @@ static void play(lull_plan *plan)
     memset(plan->done, 0, sizeof plan->done);
     plan->stored = 0;
     plan->delay_rows = 0;
-    for (unsigned t = 0; t <= graph->layers; t++)
+    for (unsigned t = 0; t < LULL_TENSORS; t++)
         plan->ring[t].rows = 1;
     while (plan->stored < plan->height) {
         plan->done[0] = lull_min_u(plan->done[0] + plan->row_step, plan->height);
-        plan->ring[0].rows = lull_max_u(plan->ring[0].rows, rows_alive(plan, 0));
+        plan->done[LULL_TENSOR_RADIANCE] = plan->done[LULL_TENSOR_ALBEDO] = plan->done[0];
+        grow_ring(plan, LULL_TENSOR_INPUT);
+        grow_ring(plan, LULL_TENSOR_RADIANCE);
+        grow_ring(plan, LULL_TENSOR_ALBEDO);
         for (unsigned l = 0; l < graph->layers; l++) {
             plan->done[l + 1] = lull_plan_turn(plan, l);
-            plan->ring[l + 1].rows = lull_max_u(plan->ring[l + 1].rows, rows_alive(plan, l + 1));
+            grow_ring(plan, l + 1);
         }
         if (plan->done[graph->layers] > plan->stored)
             plan->delay_rows = lull_max_u(plan->delay_rows, plan->done[0] - 1 - plan->stored);
@@ -91,65 +113,75 @@ size_t lull_ring_pixel(const lull_ring *ring)
 
 size_t lull_ring_left(const lull_ring *ring)
 {
-    return lull_align_up(lull_ring_pixel(ring), LULL_ALIGN);
+    return lull_align_up(BORDER * lull_ring_pixel(ring), LULL_ALIGN);
 }
 
-/* Columns of a layer's task. */
-static unsigned choose_chunk(const lull_plan *plan, const lull_layer *layer)
+unsigned lull_plan_chunk(const lull_plan *plan, unsigned l)
 {
-    size_t element = plan->model->graph.is_integer ? 1 : sizeof(float);
-    size_t column = (layer->outputs + 3 * ((size_t)layer->in_source + layer->in_skip)) * element;
+    const lull_graph *graph = &plan->model->graph;
+    const lull_layer *layer = &graph->layer[l];
+    size_t element = lull_layer_is_conv(layer) && graph->is_integer ? 1 : sizeof(float);
+    size_t inputs = lull_layer_inputs(graph, layer, 0) + lull_layer_inputs(graph, layer, 1);
     unsigned width = plan->row_width >> layer->level;
     unsigned rows = lull_max_u(plan->row_step >> layer->level, 1);
-    unsigned count = (unsigned)((width * column + TASK_BYTES - 1) / TASK_BYTES);
+    unsigned count = (unsigned)((width * (layer->outputs + 3 * inputs) * element + TASK_BYTES - 1) /
+                                TASK_BYTES);
     if (plan->threads > 1)
         count = lull_max_u(count, (2 * plan->threads + rows - 1) / rows);
     count = lull_max_u(count, 1);
-    return lull_min_u((unsigned)lull_align_up((width + count - 1) / count, CHUNK_STEP),
-                      LULL_MAX_SIZE - CHUNK_STEP);
+    return (unsigned)lull_align_up((width + count - 1) / count, CHUNK_STEP);
 }
 
-/* Sizes the rings and everything else for the strip width and row step set in the plan. */
-static void layout(lull_plan *plan)
+/* Sizes the rings for the row width set in the plan; returns the bytes of the longest row. */
+static size_t layout_rings(lull_plan *plan, size_t *total)
 {
     const lull_graph *graph = &plan->model->graph;
-    size_t total = lull_align_up(sizeof *plan, LULL_ALIGN), longest = 0;
-    unsigned overlap = graph->overlap;
-    plan->strips = plan->width ? (plan->width + plan->strip_width - 1) / plan->strip_width : 0;
-    plan->row_width = lull_min_u(plan->strip_width + 2 * overlap, plan->width);
-    play(plan);
-    for (unsigned t = 0; t <= graph->layers; t++) {
+    size_t longest = 0;
+    for (unsigned t = 0; t < LULL_TENSORS; t++) {
         lull_ring *ring = &plan->ring[t];
-        size_t pixel;
+        size_t pixel, row;
+        if (!lull_plan_has(plan, t))
+            continue;
         ring->dtype = (uint8_t)lull_graph_dtype(graph, t);
         ring->channels = (uint16_t)lull_graph_channels(graph, t);
         ring->level = (uint8_t)lull_graph_level(graph, t);
         pixel = lull_ring_pixel(ring);
-        ring->row_bytes = lull_align_up(lull_ring_left(ring) + ROW_SLACK +
-                                            pixel * ((plan->row_width >> ring->level) + 1),
-                                        LULL_ALIGN);
-        ring->row_bytes |= LULL_ALIGN; /* an odd number of lines: rows fall into different cache sets */
-        ring->offset = lull_append(&total, ring->row_bytes * ring->rows);
-        longest = longest > ring->row_bytes ? longest : ring->row_bytes;
+        row = lull_align_up(lull_ring_left(ring) + ROW_SLACK +
+                                pixel * ((plan->row_width >> ring->level) + BORDER),
+                            LULL_ALIGN);
+        row |= LULL_ALIGN; /* an odd number of lines: rows fall into different cache sets */
+        ring->row_units = (uint32_t)(row / LULL_ALIGN);
+        ring->offset = (uint32_t)(lull_append(total, row * ring->rows) / LULL_ALIGN);
+        longest = longest > row ? longest : row;
     }
-    plan->zero_row = lull_append(&total, longest);
-    plan->scratch_bytes = 64 * 9 * sizeof(float);
+    return longest;
+}
+
+/* Sizes everything for the strip width and row step set in the plan. */
+static void layout(lull_plan *plan)
+{
+    const lull_graph *graph = &plan->model->graph;
+    size_t total = lull_align_up(sizeof *plan, LULL_ALIGN), saved = 0;
+    plan->strips = plan->width ? (plan->width + plan->strip_width - 1) / plan->strip_width : 0;
+    plan->row_width = lull_min_u(plan->strip_width + 2 * graph->overlap, plan->width);
+    play(plan);
+    plan->zero_row = layout_rings(plan, &total);
+    plan->zero_row = lull_append(&total, plan->zero_row);
+    plan->scratch_bytes = LULL_BLOCK * 9 * sizeof(float);
     for (unsigned l = 0; l < graph->layers; l++) {
-        const lull_layer *layer = &graph->layer[l];
-        size_t bytes = 2 * lull_ring_pixel(&plan->ring[l + 1]);
-        plan->chunk[l] = (uint16_t)choose_chunk(plan, layer);
-        bytes *= plan->chunk[l];
-        if (layer->pool && bytes > plan->scratch_bytes)
+        size_t bytes = 2 * lull_ring_pixel(&plan->ring[l + 1]) * lull_plan_chunk(plan, l);
+        if (graph->layer[l].pool && bytes > plan->scratch_bytes)
             plan->scratch_bytes = bytes;
     }
     plan->scratch_bytes = lull_align_up(plan->scratch_bytes, LULL_ALIGN);
     plan->scratch = lull_append(&total, plan->scratch_bytes * plan->threads);
     plan->exposure = lull_append(&total, lull_exposure_rows(plan->frame.height) *
-                                        sizeof(lull_exposure_row));
-    plan->saved_width = plan->frame.in_place && plan->strips > 1 ? overlap : 0;
-    plan->saved = lull_append(&total, (size_t)plan->frame.height * plan->saved_width *
-                                     graph->inputs *
-                                     lull_dtype_bytes((lull_dtype)plan->ring[0].dtype));
+                                             sizeof(lull_exposure_row));
+    plan->saved_width = plan->frame.in_place && plan->strips > 1 ? graph->overlap : 0;
+    for (unsigned i = 0; i < LULL_LOADED; i++)
+        if (lull_plan_has(plan, lull_loaded[i]))
+            saved += lull_ring_pixel(&plan->ring[lull_loaded[i]]);
+    plan->saved = lull_append(&total, saved * plan->frame.height * plan->saved_width);
     plan->bytes = total;
 }
 
@@ -216,7 +248,7 @@ static lull_status start(lull_plan *plan, const lull_frame *frame, const lull_mo
         return LULL_ERROR_ARGUMENT;
     for (unsigned i = 0; i < 3; i++)
         features += frame->features >> i & 1;
-    if (3 * features != model->graph.inputs)
+    if (model->graph.family == LULL_FAMILY_U && 3 * features != model->graph.inputs)
         return LULL_ERROR_FEATURES;
     align = 1u << model->graph.levels;
     memset(plan, 0, sizeof *plan);

@@ -12,10 +12,11 @@
 #include "pack.h"
 
 /* Rows of a tensor, kept in a ring. A row is `left` bytes of zero border, the pixels, and more zeros;
- * row y is at offset + (y % rows) * row_bytes + left. */
+ * row y is at offset + (y % rows) * row length + left. */
 typedef struct lull_ring {
-    size_t offset, row_bytes;
-    unsigned rows;
+    uint32_t offset;    /* in units of LULL_ALIGN bytes */
+    uint32_t row_units; /* length of a row, likewise */
+    uint32_t rows;
     uint16_t channels;
     uint8_t level, dtype; /* lull_dtype */
 } lull_ring;
@@ -29,6 +30,13 @@ size_t lull_ring_left(const lull_ring *ring);
 /* Value of done[0] while no run is under way. */
 #define LULL_ROWS_IDLE 0xffffffffu
 
+#define LULL_BLOCK 64u /* pixels converted together at the input and output */
+
+/* Tensors made of the input images. */
+#define LULL_LOADED 3u
+static const uint8_t lull_loaded[LULL_LOADED] = {LULL_TENSOR_INPUT, LULL_TENSOR_RADIANCE,
+                                                 LULL_TENSOR_ALBEDO};
+
 struct lull_plan {
     const lull_model *model;
     lull_frame frame;
@@ -41,18 +49,23 @@ struct lull_plan {
     unsigned strips;
     unsigned row_width;   /* columns held: the strip and its overlaps */
     unsigned delay_rows;
-    lull_ring ring[LULL_MAX_LAYERS + 1];
     size_t zero_row;      /* offset of zeros as long as any row */
     size_t scratch, scratch_bytes; /* per worker */
     size_t exposure;      /* rows of auto-exposure bins */
     size_t saved;         /* columns that an in-place run would overwrite before the next strip reads them */
     unsigned saved_width;
-    uint16_t chunk[LULL_MAX_LAYERS]; /* columns of a task, at the layer's own resolution before pooling */
     /* State of a run: rows made of every tensor, and stored of the output. */
-    unsigned done[LULL_MAX_LAYERS + 1];
-    unsigned strip, stored, loaded;
+    unsigned strip, stored;
     float scale;
+    unsigned done[LULL_TENSORS];
+    lull_ring ring[LULL_TENSORS];
 };
+
+/* 1 if the model's network makes this tensor. */
+int lull_plan_has(const lull_plan *plan, unsigned tensor);
+
+/* Columns of a task of layer l, at its own resolution before pooling: even. */
+unsigned lull_plan_chunk(const lull_plan *plan, unsigned l);
 
 /* Rows that layer l will have made after its turn in the present step: all that its sources allow, but
  * no more than a step's worth (else the last rows of the frame would all be alive at once). */

@@ -11,7 +11,7 @@ PORT_GROUPS := SCALAR AVX2 AVX512 AVXVNNI VNNI NEON DOTPROD I8MM
 
 PORT_SCALAR_ARCH := any
 PORT_SCALAR_SOURCES := ports/scalar/port_scalar.c ports/scalar/conv_f32_scalar.c \
-                       ports/scalar/conv_int_scalar.c ports/scalar/pool_scalar.c
+                       ports/scalar/conv_int_scalar.c ports/scalar/pool_scalar.c ports/scalar/filter5_scalar.c
 
 PORT_AVX2_ARCH := x86
 PORT_AVX2_FLAGS := -mavx2 -mfma

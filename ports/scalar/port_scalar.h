@@ -12,5 +12,7 @@ void lull_pool_f32_scalar(float *out, const float *above, const float *below, un
 void lull_conv_int_scalar(const lull_conv *conv);
 void lull_pool_u8_scalar(uint8_t *out, const uint8_t *above, const uint8_t *below,
                          unsigned channels, unsigned pixels);
+void lull_filter5_scalar(float *out, const float *const *rows, const uint8_t *codes,
+                         size_t code_step, const float *table, unsigned pixels);
 
 #endif
