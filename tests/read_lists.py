@@ -4,8 +4,8 @@
     tests/read_lists.py ROOT
 
 The lists are make assignments (`NAME := words`, `NAME += words`, continued by a backslash, with
-`$(NAME)` of a variable above); nothing else of make's language is allowed in them, so that two builds
-can read one list.
+`$(NAME)` of a variable above); nothing else of make's language is allowed in them, so that two
+builds can read one list.
 """
 
 from __future__ import annotations
