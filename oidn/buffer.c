@@ -219,9 +219,11 @@ static bool copy(OIDNBuffer buffer, size_t offset, size_t bytes, void *to, const
     job.target = is_read ? to : buffer->data + offset;
     job.source = is_read ? buffer->data + offset : from;
     job.bytes = bytes;
-    if (!async) {
-        if (!lull_queue_wait(device, device->queue.tail, fault))
-            return false;
+    if (!async) { /* tells of failed asynchronous work, too, but copies all the same */
+        if (lull_queue_is_self(&device->queue))
+            return lull_fail(fault, OIDN_ERROR_INVALID_OPERATION,
+                             "a progress function cannot wait for the work that it belongs to");
+        lull_queue_sync(device, fault);
         run_copy(&job, fault);
         return true;
     }

@@ -334,8 +334,8 @@ bool lull_filter_commit(OIDNFilter filter, lull_fault *fault)
 
         if (!prepare(filter, idle, &busy, fault))
             return false;
-        if (!busy)
-            return true;
+        if (!busy) /* tells of failed asynchronous work, too, but the commit holds */
+            return lull_queue_take_fault(filter->device, fault);
         if (!lull_queue_wait(filter->device, filter->last_job, fault))
             return false;
     }

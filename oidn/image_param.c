@@ -101,7 +101,7 @@ bool lull_image_param_make(lull_image_param *image, OIDNBuffer buffer, void *poi
     image->data = buffer ? buffer->data : pointer;
     if (!buffer && !image->data && end)
         return lull_fail(fault, OIDN_ERROR_INVALID_ARGUMENT, "image pointer is null");
-    image->set = image->data != NULL;
+    image->set = buffer || image->data; /* no memory and no buffer: unset */
     if (image->data)
         image->data += offset;
     return true;

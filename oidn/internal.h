@@ -172,7 +172,10 @@ bool lull_queue_is_done(OIDNDevice device, uint64_t number);
  * done already. */
 bool lull_queue_wait(OIDNDevice device, uint64_t number, lull_fault *fault);
 
-/* Waits for all jobs, and moves the error of asynchronous work to `fault`. False if there was one. */
+/* Moves the error of asynchronous work, if there is one, to `fault`; then false. */
+bool lull_queue_take_fault(OIDNDevice device, lull_fault *fault);
+
+/* Waits for all jobs and takes their error. */
 bool lull_queue_sync(OIDNDevice device, lull_fault *fault);
 
 /* Whether the caller is inside a job, i.e. in a progress function. */

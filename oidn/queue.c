@@ -167,10 +167,13 @@ uint64_t lull_queue_submit(OIDNDevice device, const lull_job *job)
 
 bool lull_queue_sync(OIDNDevice device, lull_fault *fault)
 {
+    return lull_queue_wait(device, device->queue.tail, fault) && lull_queue_take_fault(device, fault);
+}
+
+bool lull_queue_take_fault(OIDNDevice device, lull_fault *fault)
+{
     lull_queue *queue = &device->queue;
 
-    if (!lull_queue_wait(device, queue->tail, fault))
-        return false;
     lull_mutex_lock(&queue->mutex);
     if (queue->fault.code != OIDN_ERROR_NONE)
         lull_fail(fault, queue->fault.code, "%s", queue->fault.text);

@@ -1,0 +1,124 @@
+/* Shared by the tests of the OIDN interface. They also pass on Open Image Denoise itself (link against it
+ * and set LULL_TEST_PEER=1, which leaves out what it does differently), so they test the contract and not
+ * our reading of it. */
+#ifndef LULL_TESTS_API_H
+#define LULL_TESTS_API_H
+
+#define OIDN_LEGACY_1X
+#include "OpenImageDenoise/oidn.h"
+
+#if defined(__GNUC__)
+#pragma weak oidnMapBuffer /* missing in Open Image Denoise */
+#pragma weak oidnUnmapBuffer
+#endif
+
+#include "check.h"
+#include "identity.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* True when the library under test is Open Image Denoise. */
+static inline int is_peer(void) { return getenv("LULL_TEST_PEER") != NULL; }
+
+/* Takes the error of this thread; checks that a message comes with an error and none without. */
+static inline OIDNError take_error(OIDNDevice device)
+{
+    const char *text = "none";
+    const OIDNError code = oidnGetDeviceError(device, &text);
+
+    CHECK(code == OIDN_ERROR_NONE ? text == NULL : text != NULL && *text);
+    return code;
+}
+
+/* The error of the last call was `code`, and it was the only one. */
+#define ERROR(device, code)                                         \
+    do {                                                            \
+        CHECK_EQ(take_error(device), (code));                       \
+        CHECK_EQ(oidnGetDeviceError((device), NULL), 0);            \
+    } while (0)
+#define NONE OIDN_ERROR_NONE
+#define UNKNOWN OIDN_ERROR_UNKNOWN
+#define ARGUMENT OIDN_ERROR_INVALID_ARGUMENT
+#define OPERATION OIDN_ERROR_INVALID_OPERATION
+#define MEMORY OIDN_ERROR_OUT_OF_MEMORY
+#define HARDWARE OIDN_ERROR_UNSUPPORTED_HARDWARE
+#define CANCELLED OIDN_ERROR_CANCELLED
+
+static inline OIDNDevice new_device(void)
+{
+    OIDNDevice device = oidnNewDevice(OIDN_DEVICE_TYPE_CPU);
+
+    oidnSetDeviceInt(device, "numThreads", 2);
+    oidnCommitDevice(device);
+    ERROR(device, NONE);
+    return device;
+}
+
+/* Identity weights of 3, 6 and 9 inputs, kept for the whole program. Open Image Denoise knows only its
+ * own widths. */
+typedef struct weights {
+    void *data;
+    size_t bytes;
+} weights;
+
+static inline weights identity(unsigned inputs)
+{
+    static weights made[10];
+
+    if (!made[inputs].data)
+        made[inputs].data = identity_weights(inputs, is_peer() ? 32 : 8, 0, &made[inputs].bytes);
+    return made[inputs];
+}
+
+static inline void use_identity(OIDNFilter filter, unsigned inputs)
+{
+    const weights w = identity(inputs);
+
+    oidnSetSharedFilterData(filter, "weights", w.data, w.bytes);
+}
+
+static inline void free_identity(void)
+{
+    unsigned i;
+
+    for (i = 3; i <= 9; i += 3) {
+        weights w = identity(i);
+
+        free(w.data);
+    }
+}
+
+/* A committed RT filter (srgb, so that the identity is exact) from in to out, float3, tight. */
+static inline OIDNFilter new_identity(OIDNDevice device, float *in, float *out, size_t width, size_t height)
+{
+    OIDNFilter filter = oidnNewFilter(device, "RT");
+
+    use_identity(filter, 3);
+    oidnSetFilterBool(filter, "srgb", true);
+    oidnSetSharedFilterImage(filter, "color", in, OIDN_FORMAT_FLOAT3, width, height, 0, 0, 0);
+    oidnSetSharedFilterImage(filter, "output", out, OIDN_FORMAT_FLOAT3, width, height, 0, 0, 0);
+    oidnCommitFilter(filter);
+    ERROR(device, NONE);
+    return filter;
+}
+
+/* Reproducible values in [0, 1). */
+static inline float noise(unsigned *state)
+{
+    *state = *state * 1664525u + 1013904223u;
+    return (float)(*state >> 8) / 16777216.0f;
+}
+
+static inline float *noise_image(size_t floats, unsigned seed)
+{
+    float *image = malloc(floats * sizeof *image);
+    size_t i;
+
+    for (i = 0; i < floats; i++)
+        image[i] = noise(&seed);
+    return image;
+}
+
+#endif
