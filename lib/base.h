@@ -48,13 +48,13 @@ LULL_INLINE unsigned lull_max_u(unsigned a, unsigned b) { return a > b ? a : b; 
 #define LULL_WITH_AVX2 LULL_ARCH_X86
 #endif
 #ifndef LULL_WITH_AVX512
-#define LULL_WITH_AVX512 0
+#define LULL_WITH_AVX512 LULL_ARCH_X86
 #endif
 #ifndef LULL_WITH_AVXVNNI
-#define LULL_WITH_AVXVNNI 0
+#define LULL_WITH_AVXVNNI LULL_ARCH_X86
 #endif
 #ifndef LULL_WITH_VNNI
-#define LULL_WITH_VNNI 0
+#define LULL_WITH_VNNI LULL_ARCH_X86
 #endif
 #ifndef LULL_WITH_NEON
 #define LULL_WITH_NEON 0

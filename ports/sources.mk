@@ -20,15 +20,16 @@ PORT_AVX2_SOURCES := ports/x86/port_avx2.c ports/x86/conv_f32_avx2.c ports/x86/c
 
 PORT_AVX512_ARCH := x86
 PORT_AVX512_FLAGS := -mavx512f -mavx512bw -mavx512vl -mavx512dq -mfma -mprefer-vector-width=512
-PORT_AVX512_SOURCES :=
+PORT_AVX512_SOURCES := ports/x86/port_avx512.c ports/x86/conv_f32_avx512.c \
+                       ports/x86/conv_int_avx512.c
 
 PORT_AVXVNNI_ARCH := x86
 PORT_AVXVNNI_FLAGS := -mavx2 -mfma -mavxvnni
-PORT_AVXVNNI_SOURCES :=
+PORT_AVXVNNI_SOURCES := ports/x86/port_avxvnni.c ports/x86/conv_int_avxvnni.c
 
 PORT_VNNI_ARCH := x86
 PORT_VNNI_FLAGS := -mavx512f -mavx512bw -mavx512vl -mavx512dq -mavx512vnni -mfma -mprefer-vector-width=512
-PORT_VNNI_SOURCES :=
+PORT_VNNI_SOURCES := ports/x86/port_vnni.c ports/x86/conv_int_vnni.c
 
 PORT_NEON_ARCH := arm64 arm32
 PORT_NEON_FLAGS_arm32 := -mfpu=neon

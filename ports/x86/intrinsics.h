@@ -1,5 +1,5 @@
-/* The intrinsics of the x86 ports. Tests run the ports on CPUs that lack them: they define LULL_EMULATE
- * as 1 and include portable functions of the same names before the port's source. */
+/* The intrinsics of the x86 ports. Tests run the ports on CPUs that lack them: they define
+ * LULL_EMULATE as 1 and include portable functions of the same names before the port's source. */
 #ifndef LULL_X86_INTRINSICS_H
 #define LULL_X86_INTRINSICS_H
 
@@ -15,6 +15,13 @@
 #define LULL_X86_ASM 1
 #else
 #define LULL_X86_ASM 0
+#endif
+
+/* Keeps a vector in one register: without it some compilers copy sums around loops. */
+#if LULL_X86_ASM
+#define LULL_X86_KEEP(v) __asm__("" : "+x"(v))
+#else
+#define LULL_X86_KEEP(v) (void)0
 #endif
 
 #endif

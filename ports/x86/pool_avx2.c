@@ -1,6 +1,8 @@
-/* 2x2 maximum: the two pixels of a pair are neighbours, so a vector of channels is the maximum of four
- * loads. Rows shorter than a vector are left to plain C. */
+/* 2x2 maximum: the two pixels of a pair are neighbours, so a vector of channels is the maximum
+ * of four loads. Rows shorter than a vector are left to plain C. */
 #include "port_avx2.h"
+
+LULL_INLINE __m256 load_f32(const float *p) { return _mm256_loadu_ps(p); }
 
 void lull_pool_f32_avx2(float *out, const float *above, const float *below, unsigned channels,
                         unsigned pixels)
@@ -8,8 +10,8 @@ void lull_pool_f32_avx2(float *out, const float *above, const float *below, unsi
     for (unsigned p = 0; p < pixels; p++) {
         unsigned c = 0;
         for (; c + 8 <= channels; c += 8) {
-            __m256 a = _mm256_max_ps(_mm256_loadu_ps(above + c), _mm256_loadu_ps(above + channels + c));
-            __m256 b = _mm256_max_ps(_mm256_loadu_ps(below + c), _mm256_loadu_ps(below + channels + c));
+            __m256 a = _mm256_max_ps(load_f32(above + c), load_f32(above + channels + c));
+            __m256 b = _mm256_max_ps(load_f32(below + c), load_f32(below + channels + c));
             _mm256_storeu_ps(out + c, _mm256_max_ps(a, b));
         }
         for (; c < channels; c++) {
@@ -21,7 +23,10 @@ void lull_pool_f32_avx2(float *out, const float *above, const float *below, unsi
     }
 }
 
-LULL_INLINE __m128i load(const uint8_t *p) { return _mm_loadu_si128((const __m128i *)(const void *)p); }
+LULL_INLINE __m128i load_u8(const uint8_t *p)
+{
+    return _mm_loadu_si128((const __m128i *)(const void *)p);
+}
 
 void lull_pool_u8_avx2(uint8_t *out, const uint8_t *above, const uint8_t *below, unsigned channels,
                        unsigned pixels)
@@ -29,8 +34,8 @@ void lull_pool_u8_avx2(uint8_t *out, const uint8_t *above, const uint8_t *below,
     for (unsigned p = 0; p < pixels; p++) {
         unsigned c = 0;
         for (; c + 16 <= channels; c += 16) {
-            __m128i a = _mm_max_epu8(load(above + c), load(above + channels + c));
-            __m128i b = _mm_max_epu8(load(below + c), load(below + channels + c));
+            __m128i a = _mm_max_epu8(load_u8(above + c), load_u8(above + channels + c));
+            __m128i b = _mm_max_epu8(load_u8(below + c), load_u8(below + channels + c));
             _mm_storeu_si128((__m128i *)(void *)(out + c), _mm_max_epu8(a, b));
         }
         for (; c < channels; c++) {

@@ -11,8 +11,8 @@
 #define RUNS 9u
 #define RUN_SECONDS 0.02
 
-/* A layer: `taps` x `channels` elements under each of `rows` kernel rows of the source, `skip` channels
- * under three rows of 3 taps, and how many of the two are wide. */
+/* A layer: `taps` x `channels` elements under each of `rows` kernel rows of the source, `skip`
+ * channels under three rows of 3 taps, and how many of the two are wide. */
 typedef struct layer {
     const char *name;
     unsigned outputs, channels, taps, rows, skip, wide_source;
@@ -69,8 +69,8 @@ static double peak_speed(const bench_peak *peak)
     return speed[RUNS / 2];
 }
 
-static void add_segment(lull_conv *conv, int is_integer, int is_wide, unsigned elements, unsigned step,
-                        unsigned block, double *macs)
+static void add_segment(lull_conv *conv, int is_integer, int is_wide, unsigned elements,
+                        unsigned step, unsigned block, double *macs)
 {
     lull_segment *segment = &conv->segment[conv->segments++];
     unsigned group = !is_integer ? 1 : is_wide ? 2 : 4;

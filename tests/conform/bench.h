@@ -2,9 +2,10 @@
 #ifndef LULL_TESTS_BENCH_H
 #define LULL_TESTS_BENCH_H
 
-/* Prints, for each port (or the named one) and each slot that it fills, multiply-accumulates per second
- * over a row of each layer shape, and the share of the peak of the instructions that the port uses,
- * measured in the same run. Thread CPU time; median of several runs. Returns the exit status. */
+/* Prints, for each port (or the named one) and each slot that it fills, multiply-accumulates
+ * per second over a row of each layer shape, and the share of the peak of the instructions that
+ * the port uses, measured in the same run. Thread CPU time; median of several runs. Returns the
+ * exit status. */
 int bench_main(const char *port);
 
 /* Peaks: multiply-accumulates per second of register-only loops of the instructions of a port's

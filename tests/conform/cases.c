@@ -84,7 +84,8 @@ static void make_float_weights(const cases_conv *c, cases_pattern pattern, unsig
         }
 }
 
-/* Bias and multiplier of every output: sums stay in int32, results fall on both sides of the clamp. */
+/* Bias and multiplier of every output: sums stay in int32, results fall on both sides of the
+ * clamp. */
 static void make_int_scales(const cases_conv *c, cases_pattern pattern)
 {
     const lull_conv *conv = &c->conv;
@@ -228,7 +229,8 @@ static double requantised(const lull_conv *conv, unsigned o, double wide, double
     double a = floor((wide + (1 << conv->wide_shift >> 1)) / scale) + int_bias[o] + narrow;
     /* a * M + 2^30 needs 61 bits: the low 15 bits of a apart */
     double high = floor(a / 32768), low = a - high * 32768;
-    double q = floor((high * multiplier[o] + floor((low * multiplier[o] + (1 << 30)) / 32768)) / 65536);
+    double q = high * multiplier[o] + floor((low * multiplier[o] + (1 << 30)) / 32768);
+    q = floor(q / 65536);
     return fmax(0, fmin(q, conv->out_max));
 }
 

@@ -1,5 +1,5 @@
-/* Random convolutions for the conformance tests: logical weights and descriptors, laid out for a block
- * size in guarded memory. */
+/* Random convolutions for the conformance tests: logical weights and descriptors, laid out for
+ * a block size in guarded memory. */
 #ifndef LULL_TESTS_CASES_H
 #define LULL_TESTS_CASES_H
 
@@ -11,7 +11,7 @@ typedef enum cases_pattern {
     CASES_MIN,         /* every value the smallest */
     CASES_MAX,         /* every value the largest */
     CASES_ALTERNATING, /* largest and smallest in turn */
-    CASES_PAIRS,       /* integers: pair sums at their bounds; floats: terms of very different size */
+    CASES_PAIRS,       /* integers: pair sums at their bounds; floats: of very different size */
     CASES_PATTERNS
 } cases_pattern;
 
@@ -39,8 +39,8 @@ float cases_weight(unsigned s, unsigned o, unsigned e);
 /* Bytes that the outputs of the case span: from the first to the last element written. */
 size_t cases_out_bytes(const cases_conv *c);
 
-/* The definition in kernels.h, computed the plain way. Float results go to value[p * outputs + o] and the
- * sums of |products| to size[...]; integer results to value alone. */
+/* The definition in kernels.h, computed the plain way. Float results go to value[p * outputs +
+ * o] and the sums of |products| to size[...]; integer results to value alone. */
 void cases_define(const cases_conv *c, double *value, double *size);
 
 #endif

@@ -31,7 +31,9 @@ static double stored(const cases_conv *c, const uint8_t *out, size_t at)
     uint16_t wide;
     if (!c->is_integer)
         return (double)(memcpy(&f, out + 4 * at, 4), f);
-    return c->conv.out_max <= 255 ? (double)out[at] : (double)(memcpy(&wide, out + 2 * at, 2), wide);
+    if (c->conv.out_max <= 255)
+        return (double)out[at];
+    return (double)(memcpy(&wide, out + 2 * at, 2), wide);
 }
 
 /* Elements against the definition (scalar) or against the scalar port. */
@@ -89,8 +91,9 @@ static void conv_case(int is_integer, unsigned outputs, unsigned pixels)
     run_conv(now.port, &c, out);
     now.cases++;
     if (!CHECK(elements_agree(&c, out) && gaps_untouched(&c, out)))
-        printf("  with %u outputs, %u pixels, %u segments (%u wide, shift %u), maximum %ld\n", outputs,
-               pixels, c.conv.segments, c.conv.wide, c.conv.wide_shift, (long)c.conv.out_max);
+        printf("  with %u outputs, %u pixels, %u segments (%u wide, shift %u), maximum %ld\n",
+               outputs, pixels, c.conv.segments, c.conv.wide, c.conv.wide_shift,
+               (long)c.conv.out_max);
 }
 
 /* Every number of pixels and every number of outputs up to two of the largest tiles and one. */
@@ -133,7 +136,8 @@ static void counted_patterns(const char *port_name, const lull_kernels *port, in
         counted(port_name, slot, (cases_pattern)pattern, test);
 }
 
-/* ---- Pooling -------------------------------------------------------------------------------------- */
+/* ---- Pooling
+ * -------------------------------------------------------------------------------------- */
 
 static void pool_case(unsigned bytes, unsigned channels, unsigned pixels)
 {
@@ -190,16 +194,65 @@ static void pool_cases(unsigned bytes)
 static void pool_f32_cases(void) { pool_cases(4); }
 static void pool_u8_cases(void) { pool_cases(1); }
 
-/* ---- Slots ---------------------------------------------------------------------------------------- */
+/* ---- Filter
+ * --------------------------------------------------------------------------------------- */
 
-#define KERNEL(slot, parameters, tolerance, purpose)                                                  \
-    static int slot##_fills(const lull_kernels *a, const lull_kernels *b)                             \
-    {                                                                                                 \
-        return a->slot != b->slot;                                                                    \
-    }                                                                                                 \
-    static void slot##_test(const char *port_name, const lull_kernels *port, int is_scalar, float tol) \
-    {                                                                                                 \
-        counted_patterns(port_name, port, is_scalar, tol, #slot, slot##_cases);                       \
+static void filter5_case(unsigned pixels, unsigned code_step)
+{
+    int at_end = guard_below(2) != 0;
+    size_t row_floats = 4 * ((size_t)pixels + 4);
+    float *out = guard_place(GUARD_OUT, (size_t)pixels * 16, at_end);
+    float *table = guard_place(GUARD_WEIGHTS, 256 * sizeof *table, at_end);
+    uint8_t *codes = guard_place(GUARD_BIAS, (size_t)(pixels - 1) * code_step + 25, at_end);
+    const float *rows[5];
+    for (unsigned q = 0; q < 256; q++)
+        table[q] = now.pattern == CASES_MIN   ? 0.0f
+                   : now.pattern == CASES_MAX ? 1.0f
+                                              : (float)guard_below(1u << 20) / 1048576.0f;
+    for (size_t i = 0; i < (size_t)(pixels - 1) * code_step + 25; i++)
+        codes[i] = now.pattern == CASES_ALTERNATING ? (uint8_t)(i & 1 ? 255 : 0)
+                                                    : (uint8_t)guard_below(256);
+    for (unsigned r = 0; r < 5; r++) {
+        float *row = guard_place(GUARD_ROW + r, row_floats * sizeof *row, at_end);
+        for (size_t i = 0; i < row_floats; i++)
+            row[i] = now.pattern == CASES_MAX ? 65504.0f : (float)guard_below(1u << 24) * 0.001f;
+        rows[r] = row + 8;
+    }
+    for (unsigned p = 0; p < pixels; p++) /* the definition */
+        for (unsigned c = 0; c < 4; c++) {
+            volatile float sum = 0, product;
+            for (unsigned k = 0; k < 25; k++) {
+                product = table[codes[p * code_step + k]] *
+                          rows[k / 5][4 * ((ptrdiff_t)p + (int)(k % 5) - 2) + (int)c];
+                sum = sum + product;
+            }
+            product = sum;
+            memcpy(expected + (4 * (size_t)p + c) * 4, (const void *)&product, 4);
+        }
+    now.port->filter5(out, rows, codes, code_step, table, pixels);
+    now.cases++;
+    if (!CHECK(memcmp(out, expected, (size_t)pixels * 16) == 0))
+        printf("  with %u pixels, code step %u\n", pixels, code_step);
+}
+
+static void filter5_cases(void)
+{
+    for (unsigned pixels = 1; pixels <= 40; pixels++)
+        filter5_case(pixels, pixels & 1 ? 27 : 52);
+}
+
+/* ---- Slots
+ * ---------------------------------------------------------------------------------------- */
+
+#define KERNEL(slot, parameters, tolerance, purpose)                                        \
+    static int slot##_fills(const lull_kernels *a, const lull_kernels *b)                   \
+    {                                                                                       \
+        return a->slot != b->slot;                                                          \
+    }                                                                                       \
+    static void slot##_test(const char *port_name, const lull_kernels *port, int is_scalar, \
+                            float tol)                                                      \
+    {                                                                                       \
+        counted_patterns(port_name, port, is_scalar, tol, #slot, slot##_cases);             \
     }
 #include "kernels.def"
 
@@ -239,7 +292,8 @@ void conform_skip(const char *name, const char *reason)
 
 int conform_report(void) { return check_report(); }
 
-/* ---- Table of docs/ports.md ------------------------------------------------------------------------ */
+/* ---- Table of docs/ports.md
+ * ------------------------------------------------------------------------ */
 
 /* Value of the first line of Linux's CPU description that starts with `key`; empty if none. */
 static void cpu_line(const char *key, char *to, size_t bytes)

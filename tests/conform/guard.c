@@ -23,7 +23,8 @@ static uint64_t state;
 #if GUARD_PAGES
 static void on_fault(int number)
 {
-    static const char text[] = ": touched memory outside its buffers\n0 passed, 1 failed, 0 skipped\n";
+    static const char text[] = ": touched memory outside its buffers\n"
+                               "0 passed, 1 failed, 0 skipped\n";
     ssize_t done = write(1, "FAIL ", 5);
     (void)number;
     done += write(1, guard_case, strlen(guard_case));

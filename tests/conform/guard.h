@@ -5,14 +5,23 @@
 #include <stddef.h>
 #include <stdint.h>
 
-/* Which buffer: a segment's row or weights (add the segment's number), or another part of a call. */
-enum { GUARD_ROW = 0, GUARD_WEIGHTS = 6, GUARD_BIAS = 12, GUARD_MULTIPLIER, GUARD_OUT, GUARD_COUNT };
+/* Which buffer: a segment's row or weights (add the segment's number), or another part of a
+ * call. */
+enum {
+    GUARD_ROW = 0,
+    GUARD_WEIGHTS = 6,
+    GUARD_BIAS = 12,
+    GUARD_MULTIPLIER,
+    GUARD_OUT,
+    GUARD_COUNT
+};
 
-/* 1 if stray accesses really fault (POSIX), 0 if buffers are ordinary memory. Exits if out of memory. */
+/* 1 if stray accesses really fault (POSIX), 0 if buffers are ordinary memory. Exits if out of
+ * memory. */
 int guard_init(void);
 
-/* A buffer of exactly `bytes` (1 MiB at most): its end (at_end) or its start is next to a page that no
- * one may touch. Valid until the buffer is placed again. */
+/* A buffer of exactly `bytes` (1 MiB at most): its end (at_end) or its start is next to a page
+ * that no one may touch. Valid until the buffer is placed again. */
 void *guard_place(unsigned buffer, size_t bytes, int at_end);
 
 /* What a stray access is reported as, before the program ends with status 1. */

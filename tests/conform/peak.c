@@ -12,34 +12,34 @@
 #define STRING_(x) #x
 #define STRING(x) STRING_(x)
 
-/* `accumulators` independent sums in registers 0 on; zeroes them and the operands 24 to 28 (or, in 256
- * bits, 12 to 15). Each step is `macs` multiply-accumulates. */
-#define LOOP(name, accumulators, count, clear, body, macs)                                            \
-    static double name(unsigned rounds)                                                               \
-    {                                                                                                 \
-        unsigned n = rounds;                                                                          \
-        __asm__ volatile(clear "1:\n" accumulators(body) "dec %0\njnz 1b\nvzeroupper\n"               \
-                         : "+r"(n)                                                                    \
-                         :                                                                            \
-                         : "xmm0", "xmm1", "xmm2", "xmm3", "xmm4", "xmm5", "xmm6", "xmm7", "xmm8",    \
-                           "xmm9", "xmm10", "xmm11", "xmm12", "xmm13", "xmm14", "xmm15", "cc");       \
-        return (double)rounds * (count) * (macs);                                                     \
+/* `accumulators` independent sums in registers 0 on; zeroes them and the operands 24 to 28 (or,
+ * in 256 bits, 12 to 15). Each step is `macs` multiply-accumulates. */
+#define LOOP(name, accumulators, count, clear, body, macs)                                        \
+    static double name(unsigned rounds)                                                           \
+    {                                                                                             \
+        unsigned n = rounds;                                                                      \
+        __asm__ volatile(clear "1:\n" accumulators(body) "dec %0\njnz 1b\nvzeroupper\n"           \
+                         : "+r"(n)                                                                \
+                         :                                                                        \
+                         : "xmm0", "xmm1", "xmm2", "xmm3", "xmm4", "xmm5", "xmm6", "xmm7", "xmm8", \
+                           "xmm9", "xmm10", "xmm11", "xmm12", "xmm13", "xmm14", "xmm15", "cc");   \
+        return (double)rounds * (count) * (macs);                                                 \
     }
 
 #define CLEAR_256(i) "vpxor %%xmm" #i ",%%xmm" #i ",%%xmm" #i "\n"
 #define FMA_256(i) "vfmadd231ps %%ymm13,%%ymm14,%%ymm" #i "\n"
-#define INT8_256(i)                             \
-    "vpmaddubsw %%ymm14,%%ymm15,%%ymm12\n"      \
-    "vpmaddwd %%ymm13,%%ymm12,%%ymm12\n"        \
+#define INT8_256(i)                        \
+    "vpmaddubsw %%ymm14,%%ymm15,%%ymm12\n" \
+    "vpmaddwd %%ymm13,%%ymm12,%%ymm12\n"   \
     "vpaddd %%ymm12,%%ymm" #i ",%%ymm" #i "\n"
 #define VNNI_256(i) "%{vex%} vpdpbusd %%ymm13,%%ymm14,%%ymm" #i "\n"
 #define ALL_CLEAR_256 TWELVE(CLEAR_256) CLEAR_256(12) CLEAR_256(13) CLEAR_256(14) CLEAR_256(15)
 
 #define CLEAR_512(i) "vpxord %%zmm" #i ",%%zmm" #i ",%%zmm" #i "\n"
 #define FMA_512(i) "vfmadd231ps %%zmm25,%%zmm26,%%zmm" #i "\n"
-#define INT8_512(i)                             \
-    "vpmaddubsw %%zmm26,%%zmm27,%%zmm24\n"      \
-    "vpmaddwd %%zmm25,%%zmm24,%%zmm24\n"        \
+#define INT8_512(i)                        \
+    "vpmaddubsw %%zmm26,%%zmm27,%%zmm24\n" \
+    "vpmaddwd %%zmm25,%%zmm24,%%zmm24\n"   \
     "vpaddd %%zmm24,%%zmm" #i ",%%zmm" #i "\n"
 #define VNNI_512(i) "vpdpbusd %%zmm25,%%zmm26,%%zmm" #i "\n"
 #define ALL_CLEAR_512 \
@@ -67,23 +67,23 @@ const unsigned bench_peak_count = sizeof bench_peaks / sizeof bench_peaks[0];
 #define SIXTEEN(X) \
     X(0) X(1) X(2) X(3) X(4) X(5) X(6) X(7) X(16) X(17) X(18) X(19) X(20) X(21) X(22) X(23)
 
-#define LOOP(name, body, macs)                                                                       \
-    static double name(unsigned rounds)                                                              \
-    {                                                                                                \
-        unsigned n = rounds;                                                                         \
-        __asm__ volatile(".arch armv8.2-a+dotprod+i8mm\n1:\n" SIXTEEN(body)                          \
-                         "subs %w0, %w0, #1\nb.ne 1b\n"                                              \
-                         : "+r"(n)                                                                   \
-                         :                                                                           \
-                         : "v0", "v1", "v2", "v3", "v4", "v5", "v6", "v7", "v16", "v17", "v18",      \
-                           "v19", "v20", "v21", "v22", "v23", "v24", "v25", "v26", "v27", "cc");     \
-        return (double)rounds * 16 * (macs);                                                         \
+#define LOOP(name, body, macs)                                                                   \
+    static double name(unsigned rounds)                                                          \
+    {                                                                                            \
+        unsigned n = rounds;                                                                     \
+        __asm__ volatile(".arch armv8.2-a+dotprod+i8mm\n1:\n" SIXTEEN(body)                      \
+                         "subs %w0, %w0, #1\nb.ne 1b\n"                                          \
+                         : "+r"(n)                                                               \
+                         :                                                                       \
+                         : "v0", "v1", "v2", "v3", "v4", "v5", "v6", "v7", "v16", "v17", "v18",  \
+                           "v19", "v20", "v21", "v22", "v23", "v24", "v25", "v26", "v27", "cc"); \
+        return (double)rounds * 16 * (macs);                                                     \
     }
 
 #define FMLA(i) "fmla v" #i ".4s, v24.4s, v25.4s\n"
-#define INT8(i)                             \
-    "smull v27.8h, v24.8b, v25.8b\n"        \
-    "smlal v27.8h, v26.8b, v25.8b\n"        \
+#define INT8(i)                      \
+    "smull v27.8h, v24.8b, v25.8b\n" \
+    "smlal v27.8h, v26.8b, v25.8b\n" \
     "sadalp v" #i ".4s, v27.8h\n"
 #define SDOT(i) "sdot v" #i ".4s, v24.16b, v25.4b[0]\n"
 #define USMMLA(i) "usmmla v" #i ".4s, v24.16b, v25.16b\n"

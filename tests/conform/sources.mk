@@ -2,3 +2,14 @@
 TESTS += conform
 TEST_conform_SOURCES := tests/conform/main.c tests/conform/conform.c tests/conform/cases.c \
                         tests/conform/guard.c tests/conform/bench.c tests/conform/peak.c
+
+TESTS += conform_emulated
+TEST_conform_emulated_SOURCES := tests/conform/emulate_main.c tests/conform/conform.c \
+                                 tests/conform/cases.c tests/conform/guard.c \
+                                 tests/conform/emulate_conv_f32_avx2.c \
+                                 tests/conform/emulate_conv_int_avx2.c \
+                                 tests/conform/emulate_conv_f32_avx512.c \
+                                 tests/conform/emulate_conv_int_avx512.c \
+                                 tests/conform/emulate_conv_int_avxvnni.c \
+                                 tests/conform/emulate_conv_int_vnni.c
+TEST_conform_emulated_FLAGS := -Wno-psabi

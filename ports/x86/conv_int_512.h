@@ -1,0 +1,135 @@
+/* Integer convolution with vectors of 16 outputs, for AVX-512 and its extensions. The including
+ * file defines DOT_NARROW and DOT_WIDE (see conv_int_tile.h) and CONV (the function's name). */
+#include "intrinsics.h"
+#include "kernels.h"
+#include "tiles.h"
+
+#define LANES 16u
+typedef __m512i vec;
+
+LULL_INLINE vec zero(void) { return _mm512_setzero_si512(); }
+LULL_INLINE vec load(const void *p) { return _mm512_loadu_si512(p); }
+LULL_INLINE vec splat_int(int v) { return _mm512_set1_epi32(v); }
+LULL_INLINE vec splat(const uint8_t *p)
+{
+    int32_t v;
+    memcpy(&v, p, sizeof v);
+    return _mm512_set1_epi32(v);
+}
+LULL_INLINE vec add(vec a, vec b) { return _mm512_add_epi32(a, b); }
+LULL_INLINE vec shift(vec a, unsigned n) { return _mm512_sra_epi32(a, _mm_cvtsi32_si128((int)n)); }
+
+/* Where and how the pixels of a tile are stored. */
+typedef struct finish {
+    const int32_t *multiplier;
+    uint8_t *to;
+    size_t step; /* bytes */
+    int32_t max;
+    unsigned outputs;
+    __mmask64 narrow;        /* bytes of narrow outputs */
+    __mmask32 wide0, wide1;  /* wide outputs: the first 32 and the others */
+} finish;
+
+/* The first n of `lanes` lanes. */
+LULL_INLINE uint64_t first_lanes(unsigned n, unsigned lanes)
+{
+    return n >= lanes ? ~(uint64_t)0 >> (64 - lanes) : ((uint64_t)1 << n) - 1;
+}
+
+LULL_INLINE void finish_init(finish *f, const lull_conv *conv, unsigned first, unsigned p,
+                             unsigned n)
+{
+    unsigned size = conv->out_max <= 255 ? 1 : 2;
+    f->multiplier = conv->multiplier + first;
+    f->step = size * conv->out_step;
+    f->to = (uint8_t *)conv->out + p * f->step + first * size;
+    f->max = conv->out_max;
+    f->outputs = n;
+    f->narrow = (__mmask64)first_lanes(n, 64);
+    f->wide0 = (__mmask32)first_lanes(n, 32);
+    f->wide1 = (__mmask32)first_lanes(n > 32 ? n - 32 : 0, 32);
+}
+
+LULL_INLINE void finish_end(const finish *f, unsigned pixels) { (void)f, (void)pixels; }
+
+/* (a * M + 2^30) >> 31 as the high half of a * 2M + 2^31, which always fits. */
+LULL_INLINE vec requantise(const finish *f, vec a, unsigned vector)
+{
+    const vec half = _mm512_set1_epi64((long long)1 << 31);
+    vec even = _mm512_slli_epi32(load(f->multiplier + vector * LANES), 1);
+    vec q0 = _mm512_add_epi64(_mm512_mul_epi32(a, even), half);
+    vec q1 = _mm512_mul_epi32(_mm512_srli_epi64(a, 32), _mm512_srli_epi64(even, 32));
+    q1 = _mm512_add_epi64(q1, half);
+    return _mm512_mask_blend_epi32(0xaaaa, _mm512_srli_epi64(q0, 32), q1);
+}
+
+/* Four vectors of requantised sums. Packing works within 128 bits: the dwords of the result are
+ * then put in order. */
+LULL_INLINE void store(const finish *f, unsigned i, vec a, vec b, vec c, vec d)
+{
+    uint8_t *to = f->to + i * f->step;
+    if (f->max <= 255) {
+        const vec order = _mm512_setr_epi32(0, 4, 8, 12, 1, 5, 9, 13, 2, 6, 10, 14, 3, 7, 11, 15);
+        vec q = _mm512_packus_epi16(_mm512_packs_epi32(a, b), _mm512_packs_epi32(c, d));
+        q = _mm512_min_epu8(q, _mm512_set1_epi8((char)f->max));
+        _mm512_mask_storeu_epi8(to, f->narrow, _mm512_permutexvar_epi32(order, q));
+    } else {
+        const vec order = _mm512_setr_epi64(0, 2, 4, 6, 1, 3, 5, 7);
+        vec max = _mm512_set1_epi16((short)f->max);
+        vec q0 = _mm512_min_epu16(_mm512_packus_epi32(a, b), max);
+        vec q1 = _mm512_min_epu16(_mm512_packus_epi32(c, d), max);
+        _mm512_mask_storeu_epi16(to, f->wide0, _mm512_permutexvar_epi64(order, q0));
+        if (f->wide1)
+            _mm512_mask_storeu_epi16(to + 64, f->wide1, _mm512_permutexvar_epi64(order, q1));
+    }
+}
+
+LULL_INLINE void finish_4(const finish *f, unsigned i, vec a, vec b, vec c, vec d)
+{
+    store(f, i, requantise(f, a, 0), requantise(f, b, 1), requantise(f, c, 2), requantise(f, d, 3));
+}
+
+LULL_INLINE void finish_3(const finish *f, unsigned i, vec a, vec b, vec c)
+{
+    store(f, i, requantise(f, a, 0), requantise(f, b, 1), requantise(f, c, 2), zero());
+}
+
+LULL_INLINE void finish_2(const finish *f, unsigned i, vec a, vec b)
+{
+    store(f, i, requantise(f, a, 0), requantise(f, b, 1), zero(), zero());
+}
+
+LULL_INLINE void finish_1(const finish *f, unsigned i, vec a)
+{
+    store(f, i, requantise(f, a, 0), zero(), zero(), zero());
+}
+
+#define TILE tile_4
+#define VECTORS 4
+#define PIXELS 6
+#include "conv_int_tile.h"
+
+#define TILE tile_3
+#define VECTORS 3
+#define PIXELS 8
+#include "conv_int_tile.h"
+
+#define TILE tile_2
+#define VECTORS 2
+#define PIXELS 12
+#include "conv_int_tile.h"
+
+#define TILE tile_1
+#define VECTORS 1
+#define PIXELS 12
+#include "conv_int_tile.h"
+
+#define TILE pixel_1
+#define VECTORS 1
+#define PIXELS 1
+#include "conv_int_tile.h"
+
+static const tile_shape shapes[] = {
+    {tile_4, 4, 6}, {tile_3, 3, 8}, {tile_2, 2, 12}, {tile_1, 1, 12}, {pixel_1, 1, 1}};
+
+void CONV(const lull_conv *conv) { run_tiles(conv, shapes, LANES); }

@@ -1,0 +1,16 @@
+/* Integer convolution without dot-product instructions: pairs of bytes are multiplied and added
+ * in 16 bits, which pair-safe weights never saturate, then widened by a multiplication with
+ * ones. */
+#include "port_avx512.h"
+
+#define CONV lull_conv_int_avx512
+#if LULL_X86_ASM
+#define ADD_IN_PLACE(sum, t) __asm__("vpaddd %1, %0, %0" : "+v"(sum) : "v"(t))
+#else
+#define ADD_IN_PLACE(sum, t) sum = _mm512_add_epi32(sum, t)
+#endif
+#define DOT_NARROW(sum, x, w) \
+    ADD_IN_PLACE(sum, _mm512_madd_epi16(_mm512_maddubs_epi16(x, w), _mm512_set1_epi16(1)))
+#define DOT_WIDE(sum, x, w) ADD_IN_PLACE(sum, _mm512_madd_epi16(x, w))
+
+#include "conv_int_512.h"

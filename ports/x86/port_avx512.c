@@ -1,0 +1,10 @@
+/* AVX-512 F, BW, VL and DQ. Pooling is limited by memory: AVX2's serves. */
+#include "port_avx512.h"
+
+void lull_port_avx512(lull_kernels *kernels)
+{
+    kernels->block_f32 = 16;
+    kernels->block_int = 16;
+    kernels->conv_f32 = lull_conv_f32_avx512;
+    kernels->conv_int = lull_conv_int_avx512;
+}

@@ -1,0 +1,8 @@
+/* AVX2 with AVX-VNNI: dot products of bytes and words in one instruction. */
+#include "port_avxvnni.h"
+
+void lull_port_avxvnni(lull_kernels *kernels)
+{
+    kernels->block_int = 8;
+    kernels->conv_int = lull_conv_int_avxvnni;
+}

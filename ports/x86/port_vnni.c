@@ -1,0 +1,8 @@
+/* AVX-512 with VNNI: dot products of bytes and words in one instruction. */
+#include "port_vnni.h"
+
+void lull_port_vnni(lull_kernels *kernels)
+{
+    kernels->block_int = 16;
+    kernels->conv_int = lull_conv_int_vnni;
+}

@@ -1,0 +1,101 @@
+/* The x86 intrinsics as portable functions (SIMDe), so that ports run on CPUs that lack their
+ * instructions. The emulate_*.c files include a port's source after this header. Without SIMDe
+ * (Debian: libsimde-dev) EMULATE_X86 is 0 and they are empty. */
+#ifndef LULL_TESTS_EMULATE_H
+#define LULL_TESTS_EMULATE_H
+
+#if defined(__has_include)
+#if __has_include(<simde/x86/avx512.h>)
+#define EMULATE_X86 1
+#endif
+#endif
+#ifndef EMULATE_X86
+#define EMULATE_X86 0
+#endif
+
+/* All x86 ports exist here, whatever the build contains. */
+#undef LULL_WITH_AVX2
+#undef LULL_WITH_AVX512
+#undef LULL_WITH_AVXVNNI
+#undef LULL_WITH_VNNI
+#define LULL_WITH_AVX2 1
+#define LULL_WITH_AVX512 1
+#define LULL_WITH_AVXVNNI 1
+#define LULL_WITH_VNNI 1
+
+/* Names of their own: the library may hold the real ports. */
+#define lull_port_avx2 emulated_port_avx2
+#define lull_port_avx512 emulated_port_avx512
+#define lull_port_avxvnni emulated_port_avxvnni
+#define lull_port_vnni emulated_port_vnni
+#define lull_conv_f32_avx2 emulated_conv_f32_avx2
+#define lull_conv_int_avx2 emulated_conv_int_avx2
+#define lull_pool_f32_avx2 emulated_pool_f32_avx2
+#define lull_pool_u8_avx2 emulated_pool_u8_avx2
+#define lull_conv_f32_avx512 emulated_conv_f32_avx512
+#define lull_conv_int_avx512 emulated_conv_int_avx512
+#define lull_conv_int_avxvnni emulated_conv_int_avxvnni
+#define lull_conv_int_vnni emulated_conv_int_vnni
+
+#if EMULATE_X86
+
+#define LULL_EMULATE 1
+#define SIMDE_ENABLE_NATIVE_ALIASES
+#include <simde/x86/avx512.h>
+#include <simde/x86/fma.h>
+
+#include <stdint.h>
+#include <string.h>
+
+typedef simde__mmask16 __mmask16;
+typedef simde__mmask32 __mmask32;
+typedef simde__mmask64 __mmask64;
+
+/* SIMDe 0.7.4 defines this name with four parameters. */
+#undef _mm512_madd_epi16
+#define _mm512_madd_epi16(a, b) simde_mm512_madd_epi16(a, b)
+
+/* Intrinsics that SIMDe lacks, from their definitions. */
+
+static inline void emulate_store(void *to, const void *from, uint64_t mask, unsigned lanes,
+                                 unsigned bytes)
+{
+    for (unsigned i = 0; i < lanes; i++)
+        if (mask >> i & 1)
+            memcpy((char *)to + i * bytes, (const char *)from + i * bytes, bytes);
+}
+
+#define _mm512_mask_storeu_epi8(to, mask, v)            \
+    do {                                                \
+        simde__m512i emulate_v = (v);                   \
+        emulate_store((to), &emulate_v, (mask), 64, 1); \
+    } while (0)
+#define _mm512_mask_storeu_epi16(to, mask, v)           \
+    do {                                                \
+        simde__m512i emulate_v = (v);                   \
+        emulate_store((to), &emulate_v, (mask), 32, 2); \
+    } while (0)
+#define _mm512_mask_storeu_ps(to, mask, v)              \
+    do {                                                \
+        simde__m512 emulate_v = (v);                    \
+        emulate_store((to), &emulate_v, (mask), 16, 4); \
+    } while (0)
+
+static inline simde__m512i emulate_sra(simde__m512i a, simde__m128i count)
+{
+    int32_t lane[16], n[4];
+    memcpy(lane, &a, sizeof lane);
+    memcpy(n, &count, sizeof n);
+    for (unsigned i = 0; i < 16; i++)
+        lane[i] = lane[i] < 0 ? ~(~lane[i] >> n[0]) : lane[i] >> n[0];
+    memcpy(&a, lane, sizeof lane);
+    return a;
+}
+#define _mm512_sra_epi32(a, count) emulate_sra(a, count)
+
+/* AVX-VNNI: the operations of AVX512-VNNI on 256 bits. */
+#define _mm256_dpbusd_avx_epi32(sum, x, w) simde_mm256_dpbusd_epi32(sum, x, w)
+#define _mm256_dpwssd_avx_epi32(sum, x, w) simde_mm256_dpwssd_epi32(sum, x, w)
+
+#endif
+#endif
