@@ -1,0 +1,1 @@
+"""Tests of the programs, run as a user runs them."""
