@@ -312,6 +312,7 @@ static bool prepare(OIDNFilter filter, bool may_change, bool *busy, lull_fault *
             return true;
         if (!make_plan(filter, &frame, model, stage_bytes, fault))
             return false;
+        lull_queue_take_fault(filter->device, fault); /* of earlier work; this commit holds */
     }
     publish_images(filter);
     lull_model_get_info(model, &info);
@@ -334,8 +335,8 @@ bool lull_filter_commit(OIDNFilter filter, lull_fault *fault)
 
         if (!prepare(filter, idle, &busy, fault))
             return false;
-        if (!busy) /* tells of failed asynchronous work, too, but the commit holds */
-            return lull_queue_take_fault(filter->device, fault);
+        if (!busy)
+            return true;
         if (!lull_queue_wait(filter->device, filter->last_job, fault))
             return false;
     }
