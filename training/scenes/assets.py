@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from .backend import SceneError
+from training.errors import DATA, ToolError
+
 from .mesh import Mesh, rotate, scale, smooth_normals, translate
 
 MAX_TRIANGLES = 400_000
@@ -61,12 +62,12 @@ def _image(mi, path: str) -> np.ndarray:
 
 
 def load(mi, folder: str | None) -> Assets:
-    """Reads a folder (with subfolders), in sorted order. Raises SceneError for unreadable files."""
+    """Reads a folder (with subfolders), in sorted order. Raises ToolError for unreadable files."""
     out = Assets()
     if folder is None:
         return out
     if not os.path.isdir(folder):
-        raise SceneError(f"--assets: {folder} is not a folder", 2)
+        raise ToolError(f"--assets: {folder} is not a folder", DATA)
     paths = sorted(os.path.join(d, x) for d, _, files in os.walk(folder) for x in files)
     for path in paths:
         end = os.path.splitext(path)[1].lower()
@@ -78,7 +79,7 @@ def load(mi, folder: str | None) -> Assets:
             elif end in (".exr", ".hdr"):
                 out.skies.append(_image(mi, path))
         except (RuntimeError, ValueError) as err:
-            raise SceneError(f"--assets: {path}: {str(err).splitlines()[0]}", 4) from None
+            raise ToolError(f"--assets: {path}: {str(err).splitlines()[0]}", DATA) from None
     if not (out.meshes or out.pictures or out.skies):
-        raise SceneError(f"--assets: {folder} holds no mesh, picture or environment", 2)
+        raise ToolError(f"--assets: {folder} holds no mesh, picture or environment", DATA)
     return out

@@ -6,6 +6,8 @@ import glob
 import os
 from types import ModuleType
 
+from training.errors import DEPENDENCY, USAGE, ToolError
+
 VARIANTS = ("llvm_ad_rgb", "cuda_ad_rgb", "scalar_rgb")
 _LLVM_PLACES = (
     "/usr/lib/*/libLLVM*.so*",
@@ -14,14 +16,6 @@ _LLVM_PLACES = (
     "/usr/local/lib/libLLVM*.so*",
     "/opt/homebrew/opt/llvm/lib/libLLVM*.dylib",
 )
-
-
-class SceneError(Exception):
-    """A message for the user and the exit code that goes with it."""
-
-    def __init__(self, text: str, code: int = 1):
-        super().__init__(text)
-        self.code = code
 
 
 def _llvm_rank(path: str) -> tuple[int, int]:
@@ -40,13 +34,13 @@ def find_llvm() -> str | None:
 
 
 def load(variant: str = "llvm_ad_rgb", threads: int = 0) -> ModuleType:
-    """Import Mitsuba with a variant and return its module; raises SceneError (exit code 3).
+    """Import Mitsuba with a variant and return its module; raises ToolError.
 
     threads: Dr.Jit worker threads, 0 = all cores. With 1, Bitmap.write of Mitsuba 3.9 never
-    returns, so images are written by exr.py.
+    returns, so images are written by files.py.
     """
     if variant not in VARIANTS:
-        raise SceneError(f"--variant: {variant!r} is none of {', '.join(VARIANTS)}", 2)
+        raise ToolError(f"--variant: {variant!r} is none of {', '.join(VARIANTS)}", USAGE)
     if variant.startswith("llvm") and not os.environ.get("DRJIT_LIBLLVM_PATH"):
         path = find_llvm()
         if path:
@@ -54,7 +48,8 @@ def load(variant: str = "llvm_ad_rgb", threads: int = 0) -> ModuleType:
     try:
         import mitsuba as mi
     except ImportError as err:
-        raise SceneError(f"Mitsuba 3 is not installed (pip install mitsuba): {err}", 3) from None
+        raise ToolError(f"Mitsuba 3 is not installed (pip install mitsuba): {err}",
+                        DEPENDENCY) from None
     try:
         mi.set_variant(variant)
         if variant.startswith("llvm"):
@@ -66,7 +61,7 @@ def load(variant: str = "llvm_ad_rgb", threads: int = 0) -> ModuleType:
         hint = ""
         if variant.startswith("llvm"):
             hint = " (is LLVM installed? set DRJIT_LIBLLVM_PATH to its shared library)"
-        raise SceneError(f"--variant {variant} does not start: {str(err).splitlines()[0]}{hint}",
-                         3) from None
+        raise ToolError(f"--variant {variant} does not start: {str(err).splitlines()[0]}{hint}",
+                        DEPENDENCY) from None
     mi.set_log_level(mi.LogLevel.Error)
     return mi

@@ -1,12 +1,13 @@
-"""Half-float ZIP EXR files and PNG pictures, written to a temporary name and renamed."""
+"""Half-float ZIP EXR files with rounded mantissas, and pictures for contact sheets."""
 
 from __future__ import annotations
 
-import os
-import struct
-import zlib
+from pathlib import Path
 
 import numpy as np
+
+from training.errors import OUTPUT, ToolError
+from training.imageio import replacing
 
 HALF_MAX = 65504.0
 
@@ -23,62 +24,22 @@ def round_mantissa(a: np.ndarray, bits: int) -> np.ndarray:
     return np.where(np.isfinite(out), out, h)
 
 
-def _replace(path: str, write) -> None:
-    temporary = f"{path}.tmp{os.getpid()}"
-    try:
-        write(temporary)
-        os.replace(temporary, path)
-    finally:
-        if os.path.exists(temporary):
-            os.remove(temporary)
-
-
-def write_exr(path: str, rgb: np.ndarray, bits: int = 10) -> None:
-    """rgb: (h, w, 3) as channels R, G, B."""
+def write_exr(path: str | Path, rgb: np.ndarray, bits: int = 10) -> None:
+    """rgb: (h, w, 3) as channels R, G, B; bits: of the mantissa."""
     import OpenEXR
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     pixels = np.ascontiguousarray(round_mantissa(rgb, bits))
-
-    def write(name: str) -> None:
-        with OpenEXR.File(header, {"RGB": pixels}) as f:
-            f.write(name)
-
-    _replace(path, write)
-
-
-def read_exr(path: str) -> np.ndarray:
-    """R, G, B (or the one channel three times) of an EXR file as float32 (h, w, 3)."""
-    import OpenEXR
-    with OpenEXR.File(path, separate_channels=True) as f:
-        c = f.channels()
-        names = ["R", "G", "B"] if "R" in c else [sorted(c)[0]] * 3
-        return np.stack([np.asarray(c[n].pixels, np.float32) for n in names], -1)
-
-
-def write_png(path: str, rgb: np.ndarray) -> None:
-    """rgb: uint8 (h, w, 3)."""
-    h, w, _ = rgb.shape
-    rows = np.concatenate([np.zeros((h, 1), np.uint8), rgb.reshape(h, w * 3)], 1).tobytes()
-
-    def chunk(kind: bytes, data: bytes) -> bytes:
-        body = kind + data
-        return struct.pack(">I", len(data)) + body + struct.pack(">I", zlib.crc32(body))
-
-    data = (b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", struct.pack(">IIBBBBB", w, h, 8, 2, 0, 0, 0))
-            + chunk(b"IDAT", zlib.compress(rows, 6)) + chunk(b"IEND", b""))
-
-    def write(name: str) -> None:
-        with open(name, "wb") as f:
-            f.write(data)
-
-    _replace(path, write)
+    with replacing(Path(path)) as tmp, OpenEXR.File(header, {"RGB": pixels}) as f:
+        try:
+            f.write(str(tmp))
+        except RuntimeError as err:
+            raise ToolError(f"{path}: cannot write ({str(err).splitlines()[0]})", OUTPUT) from err
 
 
 def tonemap(rgb: np.ndarray, white: float | None = None) -> np.ndarray:
-    """Linear radiance to 8-bit sRGB; white: radiance shown at 0.8 (default: 97th percentile)."""
+    """Linear radiance to sRGB in [0, 1]; white: radiance shown at 0.8 (97th percentile)."""
     rgb = np.nan_to_num(rgb, nan=0.0, posinf=HALF_MAX, neginf=0.0)
     if white is None:
         white = float(np.percentile(rgb.max(-1), 97))
     x = np.clip(rgb * (0.8 / max(white, 1e-6)), 0, 1)
-    s = np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1 / 2.4) - 0.055)
-    return (s * 255 + 0.5).astype(np.uint8)
+    return np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1 / 2.4) - 0.055)

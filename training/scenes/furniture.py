@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .mesh import Mesh, merge, rotate, scale, translate
+from .mesh import Mesh, grid_mesh, merge, rotate, scale, translate
 from .plants import Parts, bush, fern, vary, wires
 from .shapes import (TAU, bevel_box, between, box, cylinder, disk, displaced, gear, knot, lathe,
                      quad, sphere, superquadric, torus, tube, twisted_prism)
@@ -243,7 +243,6 @@ def column(rng: np.random.Generator, height: float) -> Parts:
     pts = np.stack([r * k * np.cos(a), r * k * np.sin(a), 0 * a], 1)
     z = np.linspace(0, height, 8)
     side = np.stack([pts * (1 - 0.15 * t / height) + (0, 0, t) for t in z])
-    from .mesh import grid_mesh
     parts = [grid_mesh(side, close_u=True), box(2.6 * r, 2.6 * r, 0.8 * r),
              box(2.4 * r, 2.4 * r, 0.6 * r).moved(translate(0, 0, height - 0.6 * r))]
     return dress(rng, merge(parts), ("paint", "atlas", "gloss"))
@@ -255,7 +254,6 @@ def curtain(rng: np.random.Generator, w: float, h: float) -> Parts:
     fold = np.sin(x * rng.uniform(20, 60)) * 0.04 + np.sin(x * 9 + 1) * 0.03
     rows = [np.stack([x * (1 - 0.1 * t), fold * (0.4 + t), h * (1 - t) + 0 * x], 1)
             for t in np.linspace(0, 1, 6)]
-    from .mesh import grid_mesh
     return dress(rng, grid_mesh(np.stack(rows)), ("paint", "atlas"))
 
 

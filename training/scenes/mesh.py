@@ -63,13 +63,15 @@ def smooth_normals(v: np.ndarray, f: np.ndarray) -> np.ndarray:
 
 
 def faceted(m: Mesh) -> Mesh:
-    """Flat shading: every triangle gets its own vertices."""
-    v = m.v[m.f].reshape(-1, 3)
-    fn = np.cross(v[1::3] - v[::3], v[2::3] - v[::3])
-    fn /= np.maximum(np.linalg.norm(fn, axis=1, keepdims=True), 1e-20)
-    c = None if m.c is None else m.c[m.f].reshape(-1, 3)
-    return Mesh(v, np.arange(len(v)).reshape(-1, 3), np.repeat(fn, 3, 0),
-                m.uv[m.f].reshape(-1, 2), c)
+    """Flat shading: every triangle gets its own vertices; triangles without area are dropped."""
+    t = m.v[m.f]
+    fn = np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0])
+    size = np.linalg.norm(fn, axis=1)
+    f = m.f[size > 1e-12]
+    fn = fn[size > 1e-12] / size[size > 1e-12, None]
+    c = None if m.c is None else m.c[f].reshape(-1, 3)
+    return Mesh(m.v[f].reshape(-1, 3), np.arange(f.size).reshape(-1, 3), np.repeat(fn, 3, 0),
+                m.uv[f].reshape(-1, 2), c)
 
 
 def grid_mesh(p: np.ndarray, close_u: bool = False, close_v: bool = False) -> Mesh:

@@ -12,7 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from . import exr
+from training.errors import OUTPUT, ToolError
+
+from .files import write_exr
 
 PASS_SAMPLES = 1 << 22   # camera samples in flight at once: bounds memory (about 1 GB)
 
@@ -74,7 +76,7 @@ def write_level(folder: str, name: str, spp: int, image: np.ndarray, bits: int) 
             part = np.maximum(part, 0.0)
         elif kind == "alb":
             part = np.clip(part, 0.0, 1.0)
-        exr.write_exr(os.path.join(folder, f"{name}_{spp:04d}spp.{kind}.exr"), part, bits)
+        write_exr(os.path.join(folder, f"{name}_{spp:04d}spp.{kind}.exr"), part, bits)
 
 
 def write_group(mi, out: str, name: str, scene, integrator, shot: Shot, noisy: list[int],
@@ -88,8 +90,8 @@ def write_group(mi, out: str, name: str, scene, integrator, shot: Shot, noisy: l
     temporary = os.path.join(out, f".{name}.tmp{os.getpid()}")
     for old in glob.glob(os.path.join(glob.escape(out), f".{name}.tmp*")):  # of a killed run
         shutil.rmtree(old)
-    os.makedirs(temporary)
     try:
+        os.makedirs(temporary)
         figures: dict = {"seconds": {}, "non_finite": 0}
         for spp in [*noisy, target]:
             start = time.process_time()
@@ -99,14 +101,20 @@ def write_group(mi, out: str, name: str, scene, integrator, shot: Shot, noisy: l
             figures["seconds"][f"{spp:04d}"] = round(time.process_time() - start, 2)
             figures["non_finite"] += bad
         return figures
-    except BaseException:
+    except BaseException as err:
         shutil.rmtree(temporary, ignore_errors=True)
+        if isinstance(err, OSError):
+            raise ToolError(f"{temporary}: {err.strerror}", OUTPUT) from None
         raise
 
 
 def publish(out: str, name: str, manifest: dict) -> None:
     """Adds manifest.json to the finished folder and gives it its name."""
     folder = os.path.join(out, f".{name}.tmp{os.getpid()}")
-    with open(os.path.join(folder, "manifest.json"), "w") as f:
-        json.dump(manifest, f, indent=1)
-    os.rename(folder, os.path.join(out, name))
+    try:
+        with open(os.path.join(folder, "manifest.json"), "w") as f:
+            json.dump(manifest, f, indent=1)
+        os.rename(folder, os.path.join(out, name))
+    except OSError as err:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise ToolError(f"{os.path.join(out, name)}: {err.strerror}", OUTPUT) from None

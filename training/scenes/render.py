@@ -11,11 +11,15 @@ import json
 import os
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 
+from training import errors
+from training.errors import DATA, OUTPUT, STATE, USAGE, ToolError
+from training.imageio import replacing
+
 from . import backend
-from .backend import SceneError
 from .options import bit_pair, count_list, seed_list, shard, size_pair
 
 ATTEMPTS = 8
@@ -67,10 +71,10 @@ def judge(image: np.ndarray) -> str:
 
 
 def render_seed(mi, seed: int, args: argparse.Namespace, assets) -> dict:
-    """Renders one scene into OUT; returns its manifest. Raises SceneError when nothing usable."""
+    """Renders one scene into OUT; returns its manifest. Raises ToolError when nothing usable."""
     from . import features, picture, scene
     counts = count_list(args.spp, "--spp")
-    targets = np.array(count_list(args.ref, "--ref", 2), float)
+    targets = np.array(count_list(args.ref, "--ref", USAGE), float)
     width, height = size_pair(args.size)
     name, start, why = f"s{seed:05d}", time.process_time(), []
     for attempt in range(ATTEMPTS):
@@ -100,7 +104,7 @@ def render_seed(mi, seed: int, args: argparse.Namespace, assets) -> dict:
                     "cpu_seconds": round(time.process_time() - start, 2)}
         picture.publish(args.out, name, manifest)
         return manifest
-    raise SceneError(f"no usable view in {ATTEMPTS} attempts ({', '.join(why)})", 5)
+    raise ToolError(f"no usable view in {ATTEMPTS} attempts ({', '.join(why)})", DATA)
 
 
 def _same_options(out: str, args: argparse.Namespace) -> None:
@@ -113,34 +117,32 @@ def _same_options(out: str, args: argparse.Namespace) -> None:
             had = json.load(f)
         for k, v in keep.items():
             if had.get(k) != v:
-                raise SceneError(f"{path}: this folder was rendered with {k} = {had.get(k)}, "
-                                 f"not {v}; use another OUT", 2)
+                raise ToolError(f"{path}: this folder was rendered with {k} = {had.get(k)}, "
+                                 f"not {v}; use another OUT", STATE)
         return
-    temporary = f"{path}.tmp{os.getpid()}"
-    with open(temporary, "w") as f:
-        json.dump(keep, f, indent=1)
-    os.replace(temporary, path)
+    with replacing(Path(path)) as tmp:
+        tmp.write_text(json.dumps(keep, indent=1))
 
 
-def run(args: argparse.Namespace) -> int:
-    """Renders the seeds of this shard; returns the exit code."""
+def run(args: argparse.Namespace) -> None:
+    """Renders the seeds of this shard."""
     seeds = shard(seed_list(args.seeds), args.shard)
     bit_pair(args.bits)
-    if count_list(args.spp, "--spp")[0] >= count_list(args.ref, "--ref", 2)[0]:
-        raise SceneError("--ref: the target needs more samples than the least of --spp", 2)
+    if count_list(args.spp, "--spp")[0] >= count_list(args.ref, "--ref", USAGE)[0]:
+        raise ToolError("--ref: the target needs more samples than the least of --spp", USAGE)
     size_pair(args.size)
     if args.pick < 0 or args.threads < 0:
-        raise SceneError("--pick and --threads must be >= 0", 2)
+        raise ToolError("--pick and --threads must be >= 0", USAGE)
     try:
         os.makedirs(args.out, exist_ok=True)
         _same_options(args.out, args)
     except OSError as err:
-        raise SceneError(f"{args.out}: {err.strerror}", 4) from None
+        raise ToolError(f"{args.out}: {err.strerror}", OUTPUT) from None
     todo = [s for s in seeds
             if not os.path.exists(os.path.join(args.out, f"s{s:05d}", "manifest.json"))]
     print(f"{len(todo)} scenes to render, {len(seeds) - len(todo)} finished before", flush=True)
     if not todo:
-        return 0
+        return
     mi = backend.load(args.variant, args.threads)
     import drjit as dr
     from . import assets
@@ -149,7 +151,9 @@ def run(args: argparse.Namespace) -> int:
     for k, seed in enumerate(todo):
         try:
             m = render_seed(mi, seed, args, stock)
-        except (SceneError, RuntimeError) as err:  # RuntimeError: Mitsuba or Dr.Jit
+        except (ToolError, RuntimeError) as err:  # RuntimeError: Mitsuba or Dr.Jit
+            if getattr(err, "code", DATA) == OUTPUT:
+                raise
             failed += 1
             print(f"warning: seed {seed}: {str(err).splitlines()[0]}", file=sys.stderr, flush=True)
             continue
@@ -157,16 +161,13 @@ def run(args: argparse.Namespace) -> int:
               f"{m['cpu_seconds']} s", flush=True)
         dr.flush_malloc_cache()
         dr.flush_kernel_cache()
-    return 5 if failed == len(todo) else 0
+    if failed == len(todo):
+        raise ToolError(f"{args.out}: none of {failed} scenes could be rendered", DATA)
 
 
-def main(argv: list[str] | None = None) -> int:
-    try:
-        return run(parser().parse_args(argv))
-    except SceneError as err:
-        print(f"error: {err}", file=sys.stderr)
-        return err.code
+def main(argv: list[str] | None = None) -> None:
+    run(parser().parse_args(argv))
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    errors.run(main)

@@ -10,14 +10,15 @@ from __future__ import annotations
 import argparse
 import os
 import re
-import sys
 import time
 from dataclasses import asdict
 
 import numpy as np
 
+from training import errors
+from training.errors import DATA, OUTPUT, USAGE, ToolError
+
 from . import backend
-from .backend import SceneError
 from .options import bit_pair, count_list, shard, size_pair
 
 
@@ -63,15 +64,15 @@ def _load(mi, args: argparse.Namespace):
     for text in args.define:
         key, eq, value = text.partition("=")
         if not eq or not key:
-            raise SceneError(f"-D: cannot read {text!r} (wanted: KEY=VALUE)", 2)
+            raise ToolError(f"-D: cannot read {text!r} (wanted: KEY=VALUE)", USAGE)
         keys[key] = value
     try:
         scene = mi.load_file(args.scene, **keys)
     except Exception as err:
         text = " ".join(str(err).split())
-        raise SceneError(f"{args.scene}: {text[:300]}", 4) from None
+        raise ToolError(f"{args.scene}: {text[:300]}", DATA) from None
     if not isinstance(scene, mi.Scene) or not scene.sensors():
-        raise SceneError(f"{args.scene}: holds no scene with a sensor", 4)
+        raise ToolError(f"{args.scene}: holds no scene with a sensor", DATA)
     return scene
 
 
@@ -80,7 +81,7 @@ def _which(args: argparse.Namespace, count: int) -> list[int]:
         return list(range(count))
     chosen = count_list(args.sensors, "--sensors", 0)
     if chosen[-1] >= count:
-        raise SceneError(f"--sensors: the scene has {count} (numbered from 0)", 2)
+        raise ToolError(f"--sensors: the scene has {count} (numbered from 0)", USAGE)
     return chosen
 
 
@@ -109,8 +110,8 @@ def _integrator(mi, scene, args: argparse.Namespace):
         return features.FeaturePath(None, s, args.depth), s
     inner = scene.integrator()
     if inner is None or not isinstance(inner, mi.SamplingIntegrator) or inner.aov_names():
-        raise SceneError(f"{args.scene}: its integrator gives no radiance along rays "
-                         "(path and volpath do); use --depth", 2)
+        raise ToolError(f"{args.scene}: its integrator gives no radiance along rays "
+                         "(path and volpath do); use --depth", USAGE)
     return features.FeatureVolume(inner, s), s
 
 
@@ -132,24 +133,24 @@ def _view(mi, scene, number: int, view: int, args: argparse.Namespace):
     return picture.Shot(w, h, lambda spp: sensor)
 
 
-def run(args: argparse.Namespace) -> int:
-    """Renders the views of this shard; returns the exit code."""
+def run(args: argparse.Namespace) -> None:
+    """Renders the views of this shard."""
     counts = count_list(args.spp, "--spp")
     if args.ref <= counts[0]:
-        raise SceneError("--ref: the target needs more samples than the least of --spp", 2)
+        raise ToolError("--ref: the target needs more samples than the least of --spp", USAGE)
     if args.views < 1 or args.threads < 0 or args.depth < 0 or args.seed < 0 or args.move < 0:
-        raise SceneError("--views must be >= 1; --threads, --depth, --seed and --move >= 0", 2)
+        raise ToolError("--views must be >= 1; --threads, --depth, --seed and --move >= 0", USAGE)
     bits = bit_pair(args.bits)
     if args.size:
         size_pair(args.size)
     if not os.path.isfile(args.scene):
-        raise SceneError(f"{args.scene}: no such file", 4)
+        raise ToolError(f"{args.scene}: no such file", DATA)
     name = args.name or re.sub(r"[^A-Za-z0-9-]+", "-", os.path.splitext(
         os.path.basename(args.scene))[0])
     try:
         os.makedirs(args.out, exist_ok=True)
     except OSError as err:
-        raise SceneError(f"{args.out}: {err.strerror}", 4) from None
+        raise ToolError(f"{args.out}: {err.strerror}", OUTPUT) from None
     mi = backend.load(args.variant, args.threads)
     from . import picture
     scene = _load(mi, args)
@@ -172,16 +173,11 @@ def run(args: argparse.Namespace) -> int:
                     **figures, "cpu_seconds": round(time.process_time() - start, 2)}
         picture.publish(args.out, group, manifest)
         print(f"{group}: {shot.width}x{shot.height}, {manifest['cpu_seconds']} s", flush=True)
-    return 0
 
 
-def main(argv: list[str] | None = None) -> int:
-    try:
-        return run(parser().parse_args(argv))
-    except SceneError as err:
-        print(f"error: {err}", file=sys.stderr)
-        return err.code
+def main(argv: list[str] | None = None) -> None:
+    run(parser().parse_args(argv))
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    errors.run(main)

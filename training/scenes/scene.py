@@ -13,7 +13,8 @@ from . import materials
 from . import textures as tx
 from .assets import Assets
 from .features import FeatureSettings
-from .mesh import merge, translate, scale, write_ply
+from .mesh import merge, scale, translate, write_ply
+from .stage import Stage
 
 FILTERS = (({"type": "box"}, 0.72), ({"type": "tent"}, 0.08),
            ({"type": "gaussian", "stddev": 0.5}, 0.1),
@@ -70,7 +71,7 @@ def _warm(rng: np.random.Generator) -> np.ndarray:
     return c / c.max()
 
 
-def _emitters(mi, rng, stage: layouts.Stage, assets: Assets) -> tuple[dict, list[str]]:
+def _emitters(mi, rng, stage: Stage, assets: Assets) -> tuple[dict, list[str]]:
     """Emitter dictionaries without mesh lights, and words for the manifest."""
     out, words = {}, []
     for k, lamp in enumerate(stage.lamps):
@@ -104,7 +105,7 @@ def _emitters(mi, rng, stage: layouts.Stage, assets: Assets) -> tuple[dict, list
     return out, words
 
 
-def _shapes(mi, rng, stage: layouts.Stage, assets: Assets, folder: str, fine: bool
+def _shapes(mi, rng, stage: Stage, assets: Assets, folder: str, fine: bool
             ) -> tuple[dict, list[str]]:
     """One PLY per material slot, as Mitsuba shapes; also the BSDFs and words for mesh lights."""
     by_slot: dict[str, list] = {}
@@ -138,7 +139,7 @@ def _shapes(mi, rng, stage: layouts.Stage, assets: Assets, folder: str, fine: bo
     return out, words
 
 
-def _fog(mi, rng, stage: layouts.Stage, density: float):
+def _fog(mi, rng, stage: Stage, density: float):
     """A block of homogeneous medium filling the stage's extent: (shapes, medium, lo, hi)."""
     lo, hi = (np.asarray(x, float) for x in stage.extent)
     m = translate(*((lo + hi) / 2)) @ scale(*((hi - lo) / 2 * 0.998))
@@ -187,7 +188,7 @@ def _score(dist: np.ndarray, ids: np.ndarray, near: float) -> float:
     return float(min(edges, 0.5) + 0.2 * log.std() + 0.1 * (np.diff(ids, axis=0) != 0).mean())
 
 
-def _camera(mi, rng, scene, stage: layouts.Stage, name: str) -> tuple[dict, float]:
+def _camera(mi, rng, scene, stage: Stage, name: str) -> tuple[dict, float]:
     """Best of some random views, as a sensor dictionary, and its lens radius."""
     best = (-2.0, None)
     near = 0.12 if name == "still" else 0.35

@@ -1,0 +1,175 @@
+"""The commands that render data sets. Skipped where Mitsuba is missing."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from training.imageio import read_image
+
+pytest.importorskip("mitsuba", reason="the package mitsuba is not installed")
+
+SEED = "20"
+SMALL = ["--size", "16", "--spp", "1,2", "--ref", "4", "--threads", "2"]
+
+SCENE = """<scene version="3.0.0">
+ <default name="red" value="0.3"/>
+ <integrator type="path"><integer name="max_depth" value="4"/></integrator>
+ <sensor type="perspective"><float name="fov" value="45"/>
+  <transform name="to_world"><lookat origin="0,-4,1.5" target="0,0,0.5" up="0,0,1"/></transform>
+  <film type="hdrfilm"><integer name="width" value="24"/><integer name="height" value="16"/></film>
+ </sensor>
+ <shape type="rectangle"><transform name="to_world"><scale value="50"/></transform>
+  <bsdf type="diffuse"><rgb name="reflectance" value="$red,0.5,0.2"/></bsdf></shape>
+ <shape type="sphere"><point name="center" x="0" y="0" z="0.5"/><float name="radius" value="0.5"/>
+  <bsdf type="conductor"/></shape>
+ <emitter type="constant"/>
+</scene>
+"""
+
+
+def command(root: Path, *args) -> subprocess.CompletedProcess:
+    return subprocess.run([sys.executable, "-m", f"training.scenes.{args[0]}",
+                           *map(str, args[1:])], cwd=root, capture_output=True, text=True,
+                          timeout=300)
+
+
+def one_line(run: subprocess.CompletedProcess, code: int, *words: str) -> None:
+    assert run.returncode == code, run.stderr
+    assert len(run.stderr.strip().splitlines()) == 1, run.stderr
+    for word in words:
+        assert word in run.stderr
+
+
+@pytest.fixture(scope="module")
+def rendered(root, tmp_path_factory) -> tuple[Path, subprocess.CompletedProcess]:
+    out = tmp_path_factory.mktemp("scenes") / "data"
+    run = command(root, "render", out, "--seeds", f"{SEED},21", *SMALL)
+    assert run.returncode == 0, run.stderr
+    return out, run
+
+
+def files(folder: Path) -> set[str]:
+    return {p.name for p in folder.iterdir()}
+
+
+def test_files_and_manifest(rendered):
+    out, _ = rendered
+    assert files(out) == {"render.json", "s00020", "s00021"}
+    for name in ("s00020", "s00021"):
+        expected = {f"{name}_{n:04d}spp.{k}.exr" for n in (1, 2, 4) for k in ("hdr", "alb", "nrm")}
+        assert files(out / name) == expected | {"manifest.json"}
+        m = json.loads((out / name / "manifest.json").read_text())
+        assert m["noisy"] == [1, 2] and m["target"] == 4 and m["size"] == [16, 16]
+        for path in (out / name).glob("*.exr"):
+            a = read_image(path)
+            assert a.shape == (16, 16, 3) and np.isfinite(a).all()
+            if ".alb." in path.name:
+                assert a.min() >= 0 and a.max() <= 1
+            elif ".nrm." in path.name:
+                assert np.linalg.norm(a, axis=-1).max() <= 1.01 and a.std() > 0.05
+            else:
+                assert a.min() >= 0 and a.mean() > 0
+
+
+def test_levels_have_noise_of_their_own(rendered):
+    out, _ = rendered
+    a, b, t = (read_image(out / "s00020" / f"s00020_{n:04d}spp.hdr.exr") for n in (1, 2, 4))
+    assert (a != b).mean() > 0.2 and (b != t).mean() > 0.2
+
+
+def test_finished_scenes_are_skipped(root, rendered):
+    out, _ = rendered
+    before = {p: p.stat().st_mtime_ns for p in out.rglob("*.exr")}
+    run = command(root, "render", out, "--seeds", f"{SEED},21", *SMALL)
+    assert run.returncode == 0 and "0 scenes to render, 2 finished before" in run.stdout
+    assert before == {p: p.stat().st_mtime_ns for p in out.rglob("*.exr")}
+
+
+def test_other_options_are_refused(root, rendered):
+    out, _ = rendered
+    run = command(root, "render", out, "--seeds", "30", *SMALL, "--size", "32")
+    one_line(run, 4, "render.json", "size")
+    assert not (out / "s00030").exists()
+
+
+def test_seed_gives_the_same_bytes(root, rendered, tmp_path):
+    """In a process of its own, in another shard, after the rest of a killed run."""
+    out, _ = rendered
+    (tmp_path / ".s00021.tmp1").mkdir()
+    run = command(root, "render", tmp_path, "--seeds", f"{SEED}:22", "--shard", "1/2", *SMALL)
+    assert run.returncode == 0, run.stderr
+    assert files(tmp_path) == {"render.json", "s00021"}
+    for path in sorted((out / "s00021").glob("*.exr")):
+        a, b = read_image(path), read_image(tmp_path / "s00021" / path.name)
+        assert np.array_equal(a, b), path.name
+
+
+def test_assets_are_used(root, tmp_path):
+    from training.scenes import files as write
+    from training.scenes import mesh, shapes
+    stock = tmp_path / "stock"
+    stock.mkdir()
+    mesh.write_ply(str(stock / "ring.ply"), shapes.torus().moved(mesh.scale(40)))
+    sky = np.ones((8, 16, 3), np.float32) * (0.2, 0.5, 1.0)
+    write.write_exr(stock / "sky.exr", sky)
+    run = command(root, "render", tmp_path / "out", "--seeds", SEED, "--assets", stock, *SMALL)
+    assert run.returncode == 0, run.stderr
+    assert (tmp_path / "out" / "s00020" / "manifest.json").exists()
+    (stock / "bad.ply").write_text("no mesh")
+    run = command(root, "render", tmp_path / "new", "--seeds", SEED, "--assets", stock, *SMALL)
+    one_line(run, 3, "bad.ply")
+
+
+@pytest.mark.parametrize("extra, code, word", [
+    (["--seeds", "x"], 2, "--seeds"), (["--spp", "8", "--ref", "8"], 2, "--ref"),
+    (["--assets", "missing"], 3, "--assets"), (["--shard", "3/2"], 2, "--shard")])
+def test_wrong_options(root, tmp_path, extra, code, word):
+    run = command(root, "render", tmp_path / "out", *SMALL, "--seeds", SEED, *extra)
+    one_line(run, code, word)
+    assert not list(tmp_path.rglob("*.exr"))
+
+
+def test_unwritable_output(root, tmp_path):
+    (tmp_path / "file").write_text("")
+    one_line(command(root, "render", tmp_path / "file" / "out", *SMALL), 5, "file")
+
+
+@pytest.fixture(scope="module")
+def own_scene(tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("own") / "my scene.xml"
+    path.write_text(SCENE)
+    return path
+
+
+def test_own_scene(root, own_scene, tmp_path):
+    args = ["render_scene", own_scene, tmp_path, "--spp", "1", "--ref", "2", "--views", "2",
+            "-D", "red=0.6", "--threads", "2"]
+    run = command(root, *args)
+    assert run.returncode == 0, run.stderr
+    assert files(tmp_path) == {"my-scene-c0v0", "my-scene-c0v1"}
+    albedo = read_image(tmp_path / "my-scene-c0v0" / "my-scene-c0v0_0001spp.alb.exr")
+    normal = read_image(tmp_path / "my-scene-c0v0" / "my-scene-c0v0_0001spp.nrm.exr")
+    assert albedo.shape == (16, 24, 3)
+    assert albedo[15, 0] == pytest.approx([0.6, 0.5, 0.2], abs=1e-3)
+    assert normal[15, 0] == pytest.approx([0, 0, 1], abs=1e-3)
+    assert albedo[0, 0] == pytest.approx(0, abs=1e-2), "the background"
+    other = read_image(tmp_path / "my-scene-c0v1" / "my-scene-c0v1_0001spp.alb.exr")
+    assert np.abs(albedo - other).max() > 0.1, "seen from elsewhere"
+    again = command(root, *args)
+    assert again.returncode == 0 and again.stdout.count("finished before") == 2
+
+
+def test_own_scene_errors(root, own_scene, tmp_path):
+    one_line(command(root, "render_scene", tmp_path / "no.xml", tmp_path / "o"), 3, "no.xml")
+    broken = tmp_path / "broken.xml"
+    broken.write_text("<scene version='3.0.0'><shape type='nonsense'/></scene>")
+    one_line(command(root, "render_scene", broken, tmp_path / "o"), 3, "broken.xml")
+    run = command(root, "render_scene", own_scene, tmp_path / "o", "--sensors", "3")
+    one_line(run, 2, "--sensors")
+    assert not list(tmp_path.rglob("*.exr"))

@@ -1,0 +1,55 @@
+"""What a layout fills, and placing things on its floor. Lengths are about metres, z is up."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from . import furniture as fu
+from . import shapes as sh
+from .mesh import rotate, translate
+from .plants import Parts
+
+
+@dataclass
+class Stage:
+    """What a layout makes. eyes: pairs of boxes (lo, hi) for the camera and for its target."""
+
+    parts: Parts = field(default_factory=list)
+    lamps: list[dict] = field(default_factory=list)   # Mitsuba emitters without a shape
+    eyes: list[tuple] = field(default_factory=list)
+    sky: float = 0.0                                  # chance of an environment
+    closed: bool = False
+    extent: tuple = ((-5, -5, 0), (5, 5, 3))          # where fog may be
+
+    def add(self, parts: Parts, m: np.ndarray | None = None) -> None:
+        self.parts += parts if m is None else fu.move(parts, m)
+
+
+def spin(rng: np.random.Generator) -> np.ndarray:
+    return rotate((0, 0, 1), rng.uniform(0, sh.TAU))
+
+
+class Ground:
+    """Places things on a floor without overlap; remembers discs."""
+
+    def __init__(self, rng: np.random.Generator, lo, hi):
+        self.rng, self.lo, self.hi = rng, np.asarray(lo, float), np.asarray(hi, float)
+        self.discs: list[tuple[float, float, float]] = []
+
+    def put(self, stage: Stage, parts: Parts, tries: int = 12, at=None, turn: bool = True,
+            height=None) -> bool:
+        """Stands parts somewhere free; height: function (x, y) -> z. False when nothing fits."""
+        lo, hi = fu.bounds(parts)
+        r = 0.5 * float(np.hypot(*(hi - lo)[:2])) * 0.9
+        for _ in range(tries):
+            x, y = self.rng.uniform(self.lo, self.hi) if at is None else at
+            if all(np.hypot(x - a, y - b) > r + s for a, b, s in self.discs):
+                self.discs.append((x, y, r))
+                z = height(x, y) if height else 0.0
+                stage.add(parts, translate(x, y, z) @ (spin(self.rng) if turn else np.eye(4)))
+                return True
+            if at is not None:
+                return False
+        return False
