@@ -1,0 +1,227 @@
+"""Family K in numpy, written from docs/kernel-prediction.md: integer trunk, fp32 filter, to the bit.
+
+The trunk is an integer model like those of family U, all of its tensors narrow; its heads are 1x1
+convolutions, held here as 3x3 ones with zeros around the tap.
+"""
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from export import pixels
+from export.graph import ALIGN, NETS_DEF, Layer, ModelError, Net, read_nets
+from export.reference import NARROW_MAX, FloatModel, IntLayer, IntModel, _tensor, check_layer
+from export.tza import Reader
+
+F = np.float32
+INPUTS, LEVELS, TAPS = 12, 5, 25
+EPS, RADIANCE_MAX = F(0.02), F(65504)
+LOG_GAIN, CODES_PER_OCTAVE = F(32), F(21.2493764)
+PER_CODE = F(0.0901684401)  # log2(e) / 16
+CONFIDENCE, BLEND, ALBEDO = 25, 26, 27
+HEAD_STEP = 1 / 16          # logit of one code
+
+
+@dataclass(frozen=True)
+class Trunk(Net):
+    """A K net's layers with its heads behind them; `heads[s]` is the name of level s's."""
+
+    heads: tuple[str, ...] = ()
+
+    @property
+    def wide(self) -> frozenset[str]:
+        return frozenset()
+
+
+def read_trunks(path: Path = NETS_DEF) -> list[Trunk]:
+    """The K nets of nets.def."""
+    rows = [[a.strip() for a in body.split(",")]
+            for body in re.findall(r"^HEAD\s*\((.*?)\)", path.read_text(), flags=re.M)]
+    trunks = []
+    for net in read_nets(path):
+        if net.family != "K":
+            continue
+        heads = sorted((int(level), name, source) for n, name, source, level in rows
+                       if n == net.name)
+        layers = tuple(Layer(name, source, False, None, False) for _, name, source in heads)
+        trunks.append(Trunk(net.name, net.family, net.key, net.layers + layers,
+                            tuple(name for _, name, _ in heads)))
+    return trunks
+
+
+def find_trunk(tensors: Mapping[str, np.ndarray], file: str) -> Trunk:
+    """The K net whose weights these are."""
+    for trunk in read_trunks():
+        if f"{trunk.key}.weight" in tensors:
+            return trunk
+    raise ModelError(f"{file}: the tensors belong to no known network of family K")
+
+
+def widened(weight: np.ndarray) -> np.ndarray:
+    """[O,I,1,1] -> [O,I,3,3] with zeros around the tap."""
+    return np.pad(weight, ((0, 0), (0, 0), (1, 1), (1, 1)))
+
+
+class FloatTrunk(FloatModel):
+    """fp32 execution of a K model's fp16 weights; inputs are codes / 255."""
+
+    def __init__(self, trunk: Trunk, tensors: Mapping[str, np.ndarray]):
+        tensors = {k: np.asarray(v, F) for k, v in tensors.items()}
+        for head in trunk.heads:
+            tensors[f"{head}.weight"] = widened(tensors[f"{head}.weight"])
+        super().__init__(trunk, tensors)
+
+
+class IntTrunk(IntModel):
+    """Exact execution of a K model: codes [H,W,12] in, head codes out."""
+
+    def __init__(self, trunk: Trunk, layers: list[IntLayer]):
+        super().__init__(trunk, layers, np.full(INPUTS, 255.0), 1.0)
+
+    def codes(self, x: np.ndarray) -> np.ndarray:
+        """Codes / 255 to codes."""
+        return np.rint(np.asarray(x) * 255).astype(np.uint8)
+
+
+def int_trunk(tensors: Mapping[str, np.ndarray], file: str) -> IntTrunk:
+    """A K model from the tensors of its file, checked as a loader must."""
+    trunk = find_trunk(tensors, file)
+    channels, layers = {"input": INPUTS}, []
+    for layer in trunk.layers:
+        name, c, is_head = layer.name, channels[layer.source], layer.name in trunk.heads
+        o = tensors[f"{name}.bias"].shape[0]
+        rows, k = (4 * o, 2) if layer.up else (o, 1 if is_head else 3)
+        weight = _tensor(tensors, f"{name}.weight", np.int8, (rows, c, k, k), file)
+        skip = None
+        if layer.skip:
+            skip = _tensor(tensors, f"{name}.skip.weight", np.int8,
+                           (o, channels[layer.skip], 3, 3), file)
+        layers.append(IntLayer(layer, widened(weight) if is_head else weight, skip,
+                               _tensor(tensors, f"{name}.bias", np.int32, (o,), file),
+                               _tensor(tensors, f"{name}.scale", F, (o,), file), 0,
+                               NARROW_MAX, NARROW_MAX, NARROW_MAX))
+        check_layer(layers[-1], file)
+        channels[name] = o
+    return IntTrunk(trunk, layers)
+
+
+# ---- Input and filter ----------------------------------------------------------------------------
+
+def _code(v: np.ndarray) -> np.ndarray:
+    return np.minimum(v + F(0.5), F(255)).astype(np.uint8)
+
+
+def encode(radiance: np.ndarray, albedo: np.ndarray | None, normal: np.ndarray | None,
+           clipped: bool) -> np.ndarray:
+    """Network codes [H,W,12] of exposed radiance, albedo in [0,1], normals in [-1,1], sanitised."""
+    a = np.full_like(radiance, F(1) - EPS) if albedo is None else albedo
+    v = np.minimum(radiance, RADIANCE_MAX) / (a + EPS)
+    log = _code(pixels.log2(F(1) + LOG_GAIN * v) * CODES_PER_OCTAVE)
+    alb = np.zeros_like(log) if albedo is None else _code(albedo * F(255))
+    nrm = np.full_like(log, 128) if normal is None else _code(normal * F(127.5) + F(127.5))
+    flags = np.zeros_like(log)
+    flags[:] = [255 * (albedo is not None), 255 * (normal is not None), 255 * clipped]
+    return np.concatenate((log, alb, nrm, flags), -1)
+
+
+def weight_table() -> np.ndarray:
+    """E(q), float32 [256]."""
+    return pixels.exp2(np.arange(-255, 1).astype(F) * PER_CODE)
+
+
+def blend_table() -> np.ndarray:
+    """beta(q), float32 [256]."""
+    return F(1) / (F(1) + pixels.exp2(np.arange(128, -128, -1).astype(F) * PER_CODE))
+
+
+def sums_5x5(weights: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Sum over the taps k of weights[h,w,k] * v(p + k), in their order; zeros outside."""
+    h, w, _ = v.shape
+    around = np.pad(v, ((2, 2), (2, 2), (0, 0)))
+    out = np.zeros_like(v)
+    for k in range(TAPS):
+        out = out + weights[..., k:k + 1] * around[k // 5:k // 5 + h, k % 5:k % 5 + w]
+    return out
+
+
+def _quotient(sums: np.ndarray, otherwise: float) -> np.ndarray:
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(sums[..., :1] > 0, sums[..., 1:] / sums[..., :1], F(otherwise))
+
+
+def _upsampled(x: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """Bilinear by 2, edges repeated, cut to shape; rows first."""
+    for axis in (0, 1):
+        n = x.shape[axis]
+        fine = np.arange(shape[axis])
+        near = np.minimum(fine // 2, n - 1)
+        far = np.clip(fine // 2 + np.where(fine & 1, 1, -1), 0, n - 1)
+        x = F(0.75) * x.take(near, axis) + F(0.25) * x.take(far, axis)
+    return x
+
+
+def apply_filter(heads: list[np.ndarray], radiance: np.ndarray,
+                 albedo: np.ndarray | None) -> np.ndarray:
+    """Filtered radiance [H,W,3]. heads: codes by level, of the padded size."""
+    h, w, _ = radiance.shape
+    table = weight_table()
+    smooth = np.ones_like(radiance)
+    if albedo is not None:
+        v = np.concatenate((np.ones((h, w, 1), F), albedo), -1)
+        sums = sums_5x5(table[heads[0][:h, :w, ALBEDO:ALBEDO + TAPS]], v)
+        smooth = sums[..., 1:] / sums[..., :1] + EPS
+    i, filtered, blends = np.minimum(radiance, RADIANCE_MAX) / smooth, [], []
+    for level in range(LEVELS):
+        head = heads[level][:i.shape[0], :i.shape[1]]
+        c = table[head[..., CONFIDENCE:CONFIDENCE + 1]]
+        v = np.concatenate((c, c * i), -1)
+        filtered.append(_quotient(sums_5x5(table[head[..., :TAPS]], v), 0.0))
+        blends.append(blend_table()[head[..., BLEND:BLEND + 1]])
+        even = np.pad(v, ((0, v.shape[0] % 2), (0, v.shape[1] % 2), (0, 0)))
+        pooled = ((even[::2, ::2] + even[::2, 1::2]) + even[1::2, ::2]) + even[1::2, 1::2]
+        i = _quotient(pooled, 0.0)
+    out = filtered[-1]
+    for level in range(LEVELS - 2, -1, -1):
+        f = filtered[level]
+        out = f + blends[level] * (_upsampled(out, f.shape) - f)
+    return out * smooth
+
+
+def run_frame(model: IntTrunk, frame: pixels.Frame, channels: int = 3) -> np.ndarray:
+    """A whole image through a K model, [H,W,channels]."""
+    rule, images = frame.rule(), dict(frame.images)
+    main = next(f for f in pixels.FEATURES if f in images)
+    scale = frame.input_scale()
+    r = pixels.sanitize(pixels.three_channels(images[main]), scale,
+                        -1.0 if rule.is_signed else 0.0, pixels.MAX if rule.is_hdr else 1.0)
+    r = r * F(0.5) + F(0.5) if rule.is_signed else r
+    r = pixels.srgb_inverse(r) if frame.content == "srgb" and not rule.is_signed else r
+    aux = {f: None for f in ("albedo", "normal")}
+    for f in aux:
+        if f in images and f != main:
+            v = pixels.sanitize(pixels.three_channels(images[f]), 1.0, -1.0 if f == "normal" else 0.0,
+                                1.0)
+            aux[f] = (v * F(0.5) + F(0.5)) * F(2) - F(1) if f == "normal" else v
+    codes = encode(r, aux["albedo"], aux["normal"], not rule.is_hdr)
+    h, w, _ = r.shape
+    codes = np.pad(codes, ((0, -h % ALIGN), (0, -w % ALIGN), (0, 0)))
+    maps = model.maps(codes)
+    v = apply_filter([maps[n] for n in model.net.heads], r, aux["albedo"])
+    v = pixels.sanitize(v, 1.0, 0.0, pixels.MAX)
+    v = pixels.srgb_forward(v) if frame.content == "srgb" and not rule.is_signed else v
+    if channels == 1:
+        v = ((v[..., 0] + v[..., 1]) + v[..., 2])[..., None] / F(3)
+    if rule.is_signed:
+        v = np.maximum(v * F(2) - F(1), F(-1))
+    if not rule.is_hdr:
+        v = np.minimum(v, F(1))
+    with np.errstate(over="ignore", invalid="ignore"):
+        return (v * (F(1) / scale if scale != 0 else F(0)))[..., :channels]
+
+
+def load(path: Path | str) -> IntTrunk:
+    return int_trunk(Reader(path), str(path))
