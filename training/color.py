@@ -49,7 +49,8 @@ def pu_forward(y):
     p = m.clip(y, PU_Y0, PU_Y1)
     mid = PU_B * p**PU_C + PU_D
     high = PU_E * m.log(m.clip(y, PU_Y1, None) + PU_F) + PU_G
-    return m.where(y <= PU_Y0, PU_A * y, m.where(y <= PU_Y1, mid, high)) / PU_MAX
+    low = PU_A * m.clip(y, None, PU_Y0)
+    return m.where(y <= PU_Y0, low, m.where(y <= PU_Y1, mid, high)) / PU_MAX
 
 
 def pu_inverse(x):

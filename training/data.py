@@ -168,8 +168,8 @@ class Batches:
         aux = y[..., m:] if self.clean_aux else x[..., m:]
         stops = rng.uniform(-a.exposure, a.exposure) if self.main == "hdr" and a.exposure else 0.0
         average = rng.random() < a.average and len(picture.inputs) > 1
-        blend = rng.random() < a.blend
-        if y.shape[-1] > m and rng.random() < a.clean_aux:
+        blend, clean = rng.random() < a.blend, rng.random() < a.clean_aux
+        if y.shape[-1] > m and clean:
             aux = y[..., m:]
         elif average and not self.clean_aux:
             aux = np.average([v[cut][..., m:].astype(np.float32) for v in picture.inputs], 0,
