@@ -30,6 +30,7 @@ class Net:
     """One NET row; a weights file that holds `<key>.weight` is of this topology."""
 
     name: str
+    family: str
     key: str
     layers: tuple[Layer, ...]
 
@@ -48,7 +49,7 @@ def read_nets(path: Path = NETS_DEF) -> list[Net]:
     text = re.sub(r"/\*.*?\*/", "", path.read_text(), flags=re.S)
     rows = [[a.strip() for a in body.split(",")]
             for body in re.findall(r"^(?:NET|LAYER)\s*\((.*?)\)", text, flags=re.M)]
-    return [Net(row[0], row[2],
+    return [Net(*row,
                 tuple(Layer(r[1], r[2], r[3] == "2", None if r[4] == "none" else r[4], r[5] == "2")
                       for r in rows if len(r) == 6 and r[0] == row[0]))
             for row in rows if len(row) == 3]
@@ -58,6 +59,8 @@ def find_net(names: Collection[str], file: str) -> Net:
     """The topology of a weights file that holds the tensors `names`."""
     for net in read_nets():
         if f"{net.key}.weight" in names:
+            if net.family != "U":
+                raise ModelError(f"{file}: '{net.name}' is of family {net.family}, only U is known")
             missing = [n for x in net.layers for n in (f"{x.name}.weight", f"{x.name}.bias")
                        if n not in names]
             if missing:

@@ -1,0 +1,106 @@
+"""Pictures for the quantiser: from files, or synthetic ones; as frames and as network inputs."""
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from export import synthetic
+from export.graph import ALIGN
+from export.pixels import Frame, srgb_forward
+from export.reference import padded
+from training.errors import DATA, USAGE, ToolError
+from training.features import clean
+from training.imageio import read_exr_channels, read_image
+from training.layers import find_channels
+
+PIXELS = 1 << 18  # of all calibration pictures together, taken from their middles
+LEAST = 64        # side of a cut-out
+SHORT = {"color": "hdr", "albedo": "alb", "normal": "nrm"}
+SYNTHETIC = ((10001, 1), (20000, 4), (30001, 16), (40000, 2))  # (seed, samples per pixel)
+SYNTHETIC_SIZE = 208
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What a model denoises: the features of its input, and the content of the first one."""
+
+    features: tuple[str, ...]
+    content: str
+
+    @staticmethod
+    def of(channels: int, content: str, main: str) -> Kind:
+        """From the number of input channels; `main` is what a lone feature is."""
+        if main != "color":
+            features: tuple[str, ...] = (main,)
+        else:
+            features = ("color", "albedo", "normal")[:channels // 3]
+        if channels != 3 * len(features):
+            raise ToolError(f"the model has {channels} input channels, "
+                            f"not the {3 * len(features)} of {'+'.join(features)}", USAGE)
+        return Kind(features, content if main == "color" else "ldr")
+
+
+def read_picture(path: Path, kind: Kind) -> dict[str, np.ndarray]:
+    """The features of one picture: a file of layers, or x.hdr.exr with .alb and .nrm beside it."""
+    path = Path(path)
+    if not path.is_file():
+        raise ToolError(f"{path}: no such file", DATA)
+    parts = path.name.split(".")
+    triple = len(parts) > 2 and parts[-2] in ("hdr", "ldr", "alb", "nrm")
+    images = {}
+    for feature in kind.features:
+        short = SHORT[feature]
+        if triple:
+            letters = parts[-2] if short == "hdr" and parts[-2] == "ldr" else short
+            file = path.with_name(".".join([*parts[:-2], letters, parts[-1]]))
+            images[feature] = read_image(file) if file.is_file() else None
+        elif path.suffix.lower() == ".exr":
+            channels = read_exr_channels(path)
+            names = find_channels(short, channels)
+            images[feature] = np.stack([channels[n] for n in names], -1) if names else None
+        else:
+            images[feature] = read_image(path) if feature == kind.features[0] else None
+        if images[feature] is None:
+            raise ToolError(f"{path}: the model needs {'+'.join(kind.features)}, "
+                            f"there is no {feature}", DATA)
+    if len({i.shape[:2] for i in images.values()}) > 1:
+        raise ToolError(f"{path}: features of different sizes", DATA)
+    return images
+
+
+def frame_of(images: dict[str, np.ndarray], kind: Kind) -> Frame:
+    return Frame(images, kind.content)
+
+
+def synthetic_frames(kind: Kind) -> list[Frame]:
+    """The built-in pictures as the model's content wants them."""
+    frames = []
+    for seed, samples in SYNTHETIC:
+        images = synthetic.noisy(SYNTHETIC_SIZE, seed, samples)
+        if kind.content in ("ldr", "srgb"):
+            images["color"] = np.clip(images["color"], 0, 1)
+        if kind.content == "srgb":
+            images["color"] = srgb_forward(images["color"])
+        if kind.content == "lightmap-dir":
+            images["color"] = images["normal"] * clean(images["color"], "ldr")
+        frames.append(frame_of({f: images[f] for f in kind.features}, kind))
+    return frames
+
+
+def _middle(x: np.ndarray, pixels: int) -> np.ndarray:
+    """A cut-out of about that many pixels from the middle; all of smaller pictures."""
+    h, w = x.shape[:2]
+    side = max(int(np.sqrt(pixels)) // ALIGN * ALIGN, LEAST)
+    height = min(h, max(side, pixels // w // ALIGN * ALIGN))
+    width = min(w, max(side, pixels // h // ALIGN * ALIGN))
+    y, x0 = (h - height) // 2, (w - width) // 2
+    return x[y:y + height, x0:x0 + width]
+
+
+def network_inputs(frames: Sequence[Frame]) -> list[np.ndarray]:
+    """Padded network inputs [H,W,C]; large pictures are exposed as a whole, then cut."""
+    share = PIXELS // max(len(frames), 1)
+    return [padded(_middle(f.network_input(), share)) for f in frames]

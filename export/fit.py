@@ -1,0 +1,156 @@
+"""Rounding problems of layers: which inputs each weight meets, and weights as one row per output.
+
+A row holds the source's weights ([C,3,3] flattened; for an upsampled source the four phases [C,2,2]
+one after the other), then the skip's. Inputs are codes; those of wide tensors count 2^-shift.
+"""
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from export.fold import phase_kernels
+from export.graph import Layer
+from export.pairs import WEIGHT_MAX, pair_norm, to_pairs
+
+GOLDEN = 0.6180339887498949
+
+
+@dataclass(frozen=True)
+class Block:
+    """Weights [O*phases,C,k,k] on one input tensor, in units of value per code of that input."""
+
+    weight: np.ndarray
+    wide: bool
+
+    def norm(self, outputs: int) -> np.ndarray:
+        """[O]: value per integer step that the largest weights need."""
+        if self.wide:
+            norm = np.abs(self.weight).max((1, 2, 3), initial=0) / WEIGHT_MAX
+        else:
+            norm = pair_norm(self.weight)
+        return norm.reshape(-1, outputs).max(0)
+
+    def rows(self, outputs: int) -> np.ndarray:
+        """[O, phases*C*k*k]"""
+        w = self.weight.reshape(-1, outputs, self.weight[0].size)
+        return w.transpose(1, 0, 2).reshape(outputs, -1)
+
+    def unrows(self, rows: np.ndarray) -> np.ndarray:
+        """The inverse of `rows`, as int8."""
+        phases = len(self.weight) // len(rows)
+        w = rows.reshape(len(rows), phases, -1).transpose(1, 0, 2)
+        return np.ascontiguousarray(w.reshape(self.weight.shape).astype(np.int8))
+
+    def partners(self, outputs: int) -> np.ndarray:
+        """Index of each weight's other half within the row; its own index if it has none."""
+        _, *shape = self.weight.shape
+        size = int(np.prod(shape))
+        partner = np.arange(size)
+        if not self.wide:
+            index = np.arange(1, size + 1, dtype=np.float64).reshape(1, *shape)
+            pairs = to_pairs(index).reshape(-1, 2).astype(np.int64) - 1
+            pairs = pairs[(pairs >= 0).all(1)]
+            partner[pairs[:, 0]], partner[pairs[:, 1]] = pairs[:, 1], pairs[:, 0]
+        phases = len(self.weight) // outputs
+        return np.concatenate([partner + p * size for p in range(phases)])
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A layer's weights as blocks: the source's and perhaps the skip's."""
+
+    layer: Layer
+    outputs: int
+    blocks: tuple[Block, ...]
+
+    @property
+    def mixed(self) -> bool:
+        return len({b.wide for b in self.blocks}) > 1
+
+    def counts(self, shift: int) -> np.ndarray:
+        """[K]: accumulator units per (weight step x code)."""
+        return np.concatenate([
+            np.full(b.weight.size // self.outputs, 2.0**-shift if b.wide else 1.0)
+            for b in self.blocks])
+
+    def norms(self, shift: int) -> np.ndarray:
+        """[O]: value of an accumulator unit that the largest weights need."""
+        return np.max([b.norm(self.outputs) * (2.0**shift if b.wide else 1.0)
+                       for b in self.blocks], 0)
+
+    def rows(self) -> np.ndarray:
+        return np.concatenate([b.rows(self.outputs) for b in self.blocks], 1)
+
+    def unrows(self, rows: np.ndarray) -> list[np.ndarray]:
+        ends = np.cumsum([b.weight.size // self.outputs for b in self.blocks])[:-1]
+        return [b.unrows(r) for b, r in zip(self.blocks, np.split(rows, ends, 1), strict=True)]
+
+    def partners(self) -> np.ndarray:
+        parts, start = [], 0
+        for b in self.blocks:
+            parts.append(b.partners(self.outputs) + start)
+            start += len(parts[-1])
+        return np.concatenate(parts)
+
+
+def make_fit(layer: Layer, weight: np.ndarray, steps: Mapping[str, np.ndarray],
+             wide: Sequence[str]) -> Fit:
+    """Blocks of a layer's float weights [O,I+J,3,3]; steps: value per code of each channel."""
+    weight = np.asarray(weight, np.float64)
+    split = len(steps[layer.source])
+    source = weight[:, :split] * steps[layer.source][:, None, None]
+    blocks = [Block(phase_kernels(source) if layer.up else source, layer.source in wide)]
+    if layer.skip:
+        skip = weight[:, split:] * steps[layer.skip][:, None, None]
+        blocks.append(Block(skip, layer.skip in wide))
+    return Fit(layer, len(weight), tuple(blocks))
+
+
+def _samples(count: int, wanted: int) -> np.ndarray:
+    """At most `wanted` of `count` indices, spread evenly and without a period."""
+    if count <= wanted:
+        return np.arange(count)
+    return np.unique((np.arange(wanted) * GOLDEN % 1.0 * count).astype(np.int64))
+
+
+def _taps(rows: np.ndarray, y: np.ndarray, x: np.ndarray, k: int) -> np.ndarray:
+    """[n, C*k*k]: what a kernel whose first tap is at (y, x) of the padded map sees."""
+    taps = [rows[y + dy, x + dx] for dy in range(k) for dx in range(k)]
+    return np.stack(taps, -1).reshape(len(y), -1).astype(np.float64)
+
+
+def designs(layer: Layer, maps: Mapping[str, np.ndarray],
+            wanted: int) -> Iterator[tuple[int, np.ndarray]]:
+    """(phase, inputs [n,K']) of sampled output pixels: the phase's source taps, then the skip's."""
+    source = np.pad(maps[layer.source], ((1, 1), (1, 1), (0, 0)))
+    h, w = maps[layer.source].shape[:2]
+    skip = np.pad(maps[layer.skip], ((1, 1), (1, 1), (0, 0))) if layer.skip else None
+    phases = 4 if layer.up else 1
+    pick = _samples(h * w, wanted // phases)
+    y, x = pick // w, pick % w
+    for phase in range(phases):
+        py, px = (phase >> 1, phase & 1) if layer.up else (0, 0)
+        parts = [_taps(source, y + py, x + px, 2 if layer.up else 3)]
+        if skip is not None:
+            f = 2 if layer.up else 1
+            parts.append(_taps(skip, f * y + py, f * x + px, 3))
+        yield phase, np.concatenate(parts, 1)
+
+
+def second_moments(fit: Fit, runs: Sequence[Mapping[str, np.ndarray]],
+                   wanted: int) -> np.ndarray:
+    """[K,K] mean of x x' over sampled pixels of all runs; codes as they are (shift 0)."""
+    first = fit.blocks[0].weight[0].size
+    phases = len(fit.blocks[0].weight) // fit.outputs
+    rest = fit.blocks[1].weight[0].size if len(fit.blocks) > 1 else 0
+    size = first * phases + rest
+    total, pixels = np.zeros((size, size)), 0
+    for maps in runs:
+        for phase, x in designs(fit.layer, maps, wanted // len(runs)):
+            own = np.arange(phase * first, (phase + 1) * first)
+            index = np.concatenate((own, np.arange(first * phases, size)))
+            total[np.ix_(index, index)] += x.T @ x
+            pixels += len(x)
+    return total / max(pixels, 1)

@@ -1,0 +1,176 @@
+"""From a floating-point model and network inputs to an integer model (docs/arithmetic.md)."""
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from export.convolve import taps_3x3
+from export.fit import Fit, make_fit, second_moments
+from export.graph import Layer
+from export.reference import INT32, NARROW_MAX, SHIFT_MAX, WIDE_MAX, FloatModel, IntLayer, IntModel
+from export.rounding import Problem, nearest, rounded
+
+SCALE_MAX = 0.499   # of requantisation; the format's bound is 0.5
+QUIET = 1 / 64      # channels are scaled as if they reached this share of the tensor's range
+RANGES = ("max", "percentile", "mse")
+
+
+@dataclass(frozen=True)
+class Options:
+    """What the quantiser may choose; the defaults are the best of docs/quantisation.md."""
+
+    input_top: float = 1.25    # network value of the main input's largest code
+    output_top: float = 1.25   # the same for the output
+    ranges: str = "max"        # of narrow tensors from calibration: see `channel_range`
+    percentile: float = 99.99
+    headroom: float = 1.2      # factor on those ranges
+    wide_headroom: float = 2.0  # and on the range of the last layer's source, where bits abound
+    equalize: float = 0.5      # 0: one range per tensor ... 1: every channel has its own
+    refine: bool = True        # round weights by their effect (rounding.py) instead of to nearest
+    correct_bias: bool = True  # remove the mean error of each layer's outputs
+    samples: int = 32768       # pixels per layer for the statistics of its inputs
+
+
+def channel_range(values: np.ndarray, method: str, percentile: float) -> float:
+    """Range [0, r] to be coded, of the values >= 0 that a channel took.
+
+    max: all of them; percentile: that share; mse: least squared error of 8-bit codes.
+    """
+    values = values[values > 0]
+    if not values.size:
+        return 0.0
+    top = float(values.max())
+    if method == "percentile":
+        return float(np.percentile(values, percentile))
+    if method == "max":
+        return top
+    def error(r: float) -> float:
+        codes = np.clip(np.rint(values * (NARROW_MAX / r)), 0, NARROW_MAX)
+        return float(((codes * (r / NARROW_MAX) - values) ** 2).mean())
+    return min((top * f for f in np.linspace(1, 0.3, 15)), key=error)
+
+
+class Quantizer:
+    """Quantises a model layer by layer, each on the integer outputs of those before it.
+
+    After `run`: `model`; `steps[t]`, the value of one code for each channel of tensor t; and the
+    tensors of all inputs, `floats[i][t]` as they should be and `codes[i][t]` as they came out.
+    """
+
+    def __init__(self, model: FloatModel, inputs: Sequence[np.ndarray], options: Options,
+                 log: Callable[[str], None] = lambda line: None):
+        self.source, self.net, self.options, self.log = model, model.net, options, log
+        self.wide = set(self.net.wide) | {self.net.last.name}
+        self.inputs = [np.asarray(x, np.float32) for x in inputs]
+        self.floats = [model.maps(x) for x in self.inputs]
+        self.codes: list[dict[str, np.ndarray]] = []
+        self.steps: dict[str, np.ndarray] = {}
+
+    def run(self) -> IntModel:
+        for name, o in (("input", self.source.inputs), *(
+                (x.name, len(self.source.tensors[f"{x.name}.bias"])) for x in self.net.layers)):
+            self.steps[name] = self._steps(name, o)
+        self.model = IntModel(self.net, [], 1 / self.steps["input"], 1.0)
+        self.steps["input"] = 1 / self.model.input_scale.astype(np.float64)
+        self.codes = [{"input": self.model.codes(x)} for x in self.inputs]
+        for layer in self.net.layers:
+            self.log(f"layer {layer.name}")
+            made = self._layer(layer)
+            self.model.layers.append(made)
+            for maps in self.codes:
+                maps[layer.name] = made.run(maps)
+        self.model.output_scale = np.float32(self.steps[self.net.last.name][0])
+        return self.model
+
+    def _steps(self, name: str, channels: int) -> np.ndarray:
+        """Value of one code per channel."""
+        o = self.options
+        if name == "input":
+            tops = np.ones(channels)
+            tops[:3] = o.input_top  # the main image; auxiliary ones lie in [0,1]
+            return tops / WIDE_MAX
+        if name == self.net.last.name:
+            return np.full(channels, o.output_top / WIDE_MAX)
+        values = np.concatenate([m[name].reshape(-1, channels) for m in self.floats])
+        own = np.array([channel_range(values[:, c], o.ranges, o.percentile)
+                        for c in range(channels)])
+        most = own.max(initial=0.0) or 1.0  # a tensor that is never active: anything will do
+        own = most * np.maximum(own / most, QUIET) ** o.equalize
+        if name in self.wide:
+            return own * o.wide_headroom / WIDE_MAX
+        return own * o.headroom / NARROW_MAX
+
+    def _unit(self, fit: Fit, shift: int, bias: np.ndarray) -> np.ndarray:
+        """[O]: value of one accumulator unit, at least what weights, sums and bias need."""
+        room = INT32 // 4
+        sums = np.zeros(fit.outputs)
+        for b in fit.blocks:
+            w = np.abs(b.weight).sum((1, 2, 3)).reshape(-1, fit.outputs).max(0)
+            sums += w * WIDE_MAX * 2.0**shift if b.wide else w * NARROW_MAX
+        return np.maximum.reduce([fit.norms(shift), sums / room, np.abs(bias) / room,
+                                  np.full(fit.outputs, 1e-30)])
+
+    def _shift(self, fit: Fit, moments: np.ndarray, bias: np.ndarray) -> int:
+        """The shift of a mixed layer for which rounding its weights costs least."""
+        if not fit.mixed:
+            return 0
+        def cost(shift: int) -> float:
+            steps = np.diag(moments) * fit.counts(shift) ** 2
+            return float((self._unit(fit, shift, bias) ** 2).sum() * steps.sum())
+        return min(range(SHIFT_MAX + 1), key=cost)
+
+    def _layer(self, layer: Layer) -> IntLayer:
+        weight = self.source.tensors[f"{layer.name}.weight"]
+        bias = self.source.tensors[f"{layer.name}.bias"].astype(np.float64)
+        fit = make_fit(layer, weight, self.steps, tuple(self.wide))
+        moments = second_moments(fit, self.codes, self.options.samples)
+        shift = self._shift(fit, moments, bias)
+        counts, unit = fit.counts(shift), self._unit(fit, shift, bias)
+        wish = fit.rows() / unit[:, None] / counts
+        if self.options.refine:
+            rows, _ = rounded(wish, Problem(moments * counts[:, None] * counts, fit.partners()))
+        else:
+            rows = nearest(wish, fit.partners())
+        self._fit_output(layer, unit)
+        weights = fit.unrows(rows)
+        scale = (unit / self.steps[layer.name]).astype(np.float32)
+
+        def made(value: np.ndarray) -> IntLayer:
+            return IntLayer(layer, weights[0], weights[1] if layer.skip else None,
+                            np.rint(value / unit).astype(np.int32), scale, shift,
+                            *(WIDE_MAX if t in self.wide else NARROW_MAX
+                              for t in (layer.source, layer.skip, layer.name)))
+
+        if self.options.correct_bias:
+            return made(bias + self._mean_error(layer, made(bias), unit))
+        return made(bias)
+
+    def _fit_output(self, layer: Layer, unit: np.ndarray) -> None:
+        """Coarser output codes where an accumulator unit would be half a code or more."""
+        least = unit / SCALE_MAX
+        if layer == self.net.last:
+            least[:] = least.max(initial=0.0)
+        self.steps[layer.name] = np.maximum(self.steps[layer.name], least)
+
+    def _mean_error(self, layer: Layer, made: IntLayer, unit: np.ndarray) -> np.ndarray:
+        """[O]: mean over all pixels of what is missing before the ReLU."""
+        total, pixels = np.zeros(made.outputs), 0
+        for floats, codes in zip(self.floats, self.codes, strict=True):
+            wanted = self._before_relu(layer, floats)
+            got = made.accumulate(codes, 0, wanted.shape[0])
+            total += wanted.sum((0, 1)) - got.sum((0, 1)) * unit
+            pixels += wanted.shape[0] * wanted.shape[1]
+        return total / max(pixels, 1)
+
+    def _before_relu(self, layer: Layer, maps: dict[str, np.ndarray]) -> np.ndarray:
+        """Float output [h,w,O] of a layer before ReLU and pooling."""
+        x = maps[layer.source]
+        x = x.repeat(2, 0).repeat(2, 1) if layer.up else x
+        x = np.concatenate((x, maps[layer.skip]), -1) if layer.skip else x
+        bias = self.source.tensors[f"{layer.name}.bias"]
+        out = np.empty((*x.shape[:2], len(bias)))
+        out[:] = bias
+        taps_3x3(out, x, self.source.tensors[f"{layer.name}.weight"], 0)
+        return out
