@@ -1,4 +1,4 @@
-"""Family K in numpy, written from docs/kernel-prediction.md: integer trunk, fp32 filter, to the bit.
+"""Family K in numpy, from docs/kernel-prediction.md: integer trunk, fp32 filter, to the bit.
 
 The trunk is an integer model like those of family U, all of its tensors narrow; its heads are 1x1
 convolutions, held here as 3x3 ones with zeros around the tap.
@@ -203,8 +203,8 @@ def run_frame(model: IntTrunk, frame: pixels.Frame, channels: int = 3) -> np.nda
     aux = {f: None for f in ("albedo", "normal")}
     for f in aux:
         if f in images and f != main:
-            v = pixels.sanitize(pixels.three_channels(images[f]), 1.0, -1.0 if f == "normal" else 0.0,
-                                1.0)
+            v = pixels.sanitize(pixels.three_channels(images[f]), 1.0,
+                                -1.0 if f == "normal" else 0.0, 1.0)
             aux[f] = (v * F(0.5) + F(0.5)) * F(2) - F(1) if f == "normal" else v
     codes = encode(r, aux["albedo"], aux["normal"], not rule.is_hdr)
     h, w, _ = r.shape

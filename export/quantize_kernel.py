@@ -1,16 +1,23 @@
-"""Quantises a K model: `python -m export.quantize_kernel IN.tza OUT.tza --calib IMAGE.exr ...`"""
+"""Quantises a K model: `python -m export.quantize_kernel IN.tza OUT.tza --data DIR`.
+
+IN is the fp16 export of a trained model, DIR a data set in the layout of training
+(docs/training.md); some of its noisy images, with all features or fewer, fix the ranges of the
+activations.
+"""
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 
 from export import kernel, pixels
 from export.quantizer import Options, Quantizer
 from export.reference import NARROW_MAX
-from export.tza import Reader, write_weights
+from export.tza import Reader, Writer
 
 
 class KernelQuantizer(Quantizer):
@@ -71,3 +78,47 @@ def calibration_input(images: dict[str, np.ndarray], content: str = "hdr") -> np
     h, w, _ = codes.shape
     codes = np.pad(codes, ((0, -h % kernel.ALIGN), (0, -w % kernel.ALIGN), (0, 0)), mode="edge")
     return codes.astype(np.float32) / np.float32(255)
+
+
+def calibration_set(folder: Path, count: int) -> list[np.ndarray]:
+    """Inputs from `count` groups of a data set, evenly spread, with changing features and content."""
+    from training.features import load
+    from training.scan import scan
+    groups = sorted(scan(folder, ["hdr", "alb", "nrm"]).groups, key=lambda g: g.name)
+    inputs = []
+    for i, group in enumerate(groups[::max(len(groups) // count, 1)][:count]):
+        images = load(group.inputs[i % len(group.inputs)], ["hdr", "alb", "nrm"])
+        frame = {"color": images["hdr"], "albedo": images["alb"], "normal": images["nrm"]}
+        for feature in ((), (), ("normal",), ("albedo", "normal"))[i % 4]:
+            del frame[feature]
+        if i % 6 == 5:
+            frame["color"] = np.minimum(frame["color"], 1.0)
+        inputs.append(calibration_input(frame, "ldr" if i % 6 == 5 else "hdr"))
+    return inputs
+
+
+def main(argv: list[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(prog="quantize_kernel", description=__doc__.split("\n")[0])
+    parser.add_argument("input", type=Path)
+    parser.add_argument("output", type=Path)
+    parser.add_argument("--data", type=Path, required=True, help="calibration images")
+    parser.add_argument("--count", type=int, default=12, help="how many of its groups (12)")
+    args = parser.parse_args(argv)
+    try:
+        tensors = dict(Reader(args.input))
+        model = kernel.FloatTrunk(kernel.find_trunk(tensors, str(args.input)), tensors)
+        inputs = calibration_set(args.data, args.count)
+    except (ValueError, OSError) as e:
+        print(f"quantize_kernel: {e}", file=sys.stderr)
+        return 2
+    made = KernelQuantizer(model, inputs, Options()).run()
+    temporary = args.output.with_name(f".{args.output.name}.{os.getpid()}.tmp")
+    with Writer(temporary) as w:
+        for name, array in tensors_of(made).items():
+            w.write(name, np.ascontiguousarray(array))
+    os.replace(temporary, args.output)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,9 +1,11 @@
 """The 5x5 kernel filter of family K as one differentiable operation.
 
-    out[c](p) = sum over k of exp(l[k](p)) * v[c](p + k)      k = 5x5 taps, row by row; zeros outside
+    out[c](p) = sum over the 5x5 taps k, row by row, of exp(logits[k](p)) * v[c](p + k)
 
-A fused C++ operation on the CPU where a compiler is found (about 20 times faster than plain PyTorch), plain
-PyTorch elsewhere. Set LULL_FUSED=0 to force the latter.
+with zeros outside.
+
+A fused C++ operation on the CPU where a compiler is found (about 12 times faster), plain PyTorch
+elsewhere. Set LULL_FUSED=0 to force the latter.
 """
 from __future__ import annotations
 
@@ -36,20 +38,20 @@ def fused_module():
 
 class _Fused(torch.autograd.Function):
     @staticmethod
-    def forward(ctx, l: Tensor, v: Tensor) -> Tensor:
-        l, v = l.contiguous(), v.contiguous()
-        ctx.save_for_backward(l, v)
-        return fused_module().forward(l, v)
+    def forward(ctx, logits: Tensor, v: Tensor) -> Tensor:
+        logits, v = logits.contiguous(), v.contiguous()
+        ctx.save_for_backward(logits, v)
+        return fused_module().forward(logits, v)
 
     @staticmethod
     def backward(ctx, g: Tensor):
-        l, v = ctx.saved_tensors
-        return tuple(fused_module().backward(l, v, g))
+        logits, v = ctx.saved_tensors
+        return tuple(fused_module().backward(logits, v, g))
 
 
-def plain(l: Tensor, v: Tensor) -> Tensor:
+def plain(logits: Tensor, v: Tensor) -> Tensor:
     """The same with PyTorch's operations, on any device."""
-    e = l.exp()
+    e = logits.exp()
     padded = F.pad(v, (RADIUS,) * 4)
     h, w = v.shape[-2:]
     out = torch.zeros_like(v)
@@ -59,8 +61,8 @@ def plain(l: Tensor, v: Tensor) -> Tensor:
     return out
 
 
-def kernel_filter(l: Tensor, v: Tensor) -> Tensor:
-    """l [N,25,H,W] logits (at most about 60), v [N,C,H,W] -> [N,C,H,W]."""
-    if l.device.type == "cpu" and fused_module() is not None:
-        return _Fused.apply(l, v)
-    return plain(l, v)
+def kernel_filter(logits: Tensor, v: Tensor) -> Tensor:
+    """logits [N,25,H,W] (at most about 60), v [N,C,H,W] -> [N,C,H,W]."""
+    if logits.device.type == "cpu" and fused_module() is not None:
+        return _Fused.apply(logits, v)
+    return plain(logits, v)

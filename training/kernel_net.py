@@ -108,7 +108,7 @@ class KernelNet(nn.Module):
             self.add_module(head.name, conv)
 
     def trunk(self, x: Tensor) -> list[Tensor]:
-        """Input codes [N,12,H,W] -> head outputs by level: logits in 0..255/16, whole 1/16 steps."""
+        """Input codes [N,12,H,W] -> heads by level: logits in 0..255/16, whole 1/16 steps."""
         values = {"input": x}
         for layer in self.net.layers:
             y = values[layer.source]
@@ -124,7 +124,8 @@ class KernelNet(nn.Module):
             heads[head.level] = to_code(q * (STEP / 255.0)) * (255.0 / STEP)
         return heads
 
-    def forward(self, codes: Tensor, radiance: Tensor, albedo: Tensor, has_albedo: Tensor) -> Tensor:
+    def forward(self, codes: Tensor, radiance: Tensor, albedo: Tensor,
+                has_albedo: Tensor) -> Tensor:
         """Filtered radiance. radiance (exposed) and albedo [N,3,H,W], has_albedo [N,1,H,W]."""
         heads = self.trunk(codes)
         return apply_filter(heads, radiance, albedo, has_albedo)
