@@ -35,10 +35,17 @@ class Run:
 
 def runner(program: Path) -> Callable[..., Run]:
     def run(*arguments: object, cwd: Path | None = None) -> Run:
-        done = subprocess.run([program, *map(str, arguments)], cwd=cwd, capture_output=True,
-                              text=True, errors="replace", timeout=120)
+        done = subprocess.run(
+            [program, *map(str, arguments)],
+            cwd=cwd,
+            capture_output=True,
+            text=True,
+            errors="replace",
+            timeout=120,
+        )
         assert done.returncode >= 0, f"ended by signal {-done.returncode}: {done.stderr}"
         return Run(done.returncode, done.stdout, done.stderr)
+
     return run
 
 
@@ -79,8 +86,10 @@ def formats(build: Path, tmp_path_factory) -> frozenset[str]:
     """Optional formats that the programs were built with: exr, png."""
     folder = tmp_path_factory.mktemp("formats")
     run = runner(build / "bin" / "lullInfo")
-    files = {"exr": write_exr(folder / "a.exr", planes("", noise(2, 2))),
-             "png": write_png(folder / "a.png", (noise(2, 2) * 255).astype(int))}
+    files = {
+        "exr": write_exr(folder / "a.exr", planes("", noise(2, 2))),
+        "png": write_png(folder / "a.png", (noise(2, 2) * 255).astype(int)),
+    }
     return frozenset(name for name, path in files.items() if run(path).code == 0)
 
 

@@ -1,4 +1,4 @@
-"""Bad inputs: the right exit code, one line that names the file and the reason, and nothing written."""
+"""Bad inputs: the right exit code, one line that names the file and says why, nothing written."""
 
 from __future__ import annotations
 
@@ -21,24 +21,42 @@ def sample(work, kind: str):
     codes = (image * 255).astype(int)
     path = work / f"in.{kind.split('-')[0]}"
     makers = {
-        "pfm": lambda: t.write_pfm(path, image), "phm": lambda: t.write_pfm(path, image, True),
-        "ppm": lambda: t.write_ppm(path, codes), "png": lambda: t.write_png(path, codes),
+        "pfm": lambda: t.write_pfm(path, image),
+        "phm": lambda: t.write_pfm(path, image, True),
+        "ppm": lambda: t.write_ppm(path, codes),
+        "png": lambda: t.write_png(path, codes),
         "png-interlaced": lambda: t.write_png(path, codes, interlaced=True),
         "hdr": lambda: t.write_hdr(path, t.to_rgbe(image)),
         "hdr-runs": lambda: t.write_hdr(path, t.to_rgbe(image), "runs"),
         "exr": lambda: t.write_exr(path, t.planes("", image)),
-        "exr-piz": lambda: t.write_exr(path, t.planes("", image), compression=OpenEXR.PIZ_COMPRESSION),
-        "exr-none": lambda: t.write_exr(path, t.planes("", image), compression=OpenEXR.NO_COMPRESSION),
+        "exr-piz": lambda: t.write_exr(
+            path, t.planes("", image), compression=OpenEXR.PIZ_COMPRESSION
+        ),
+        "exr-none": lambda: t.write_exr(
+            path, t.planes("", image), compression=OpenEXR.NO_COMPRESSION
+        ),
     }
     return makers[kind]()
 
 
-KINDS = ["pfm", "phm", "ppm", "png", "png-interlaced", "hdr", "hdr-runs", "exr", "exr-piz", "exr-none"]
+KINDS = [
+    "pfm",
+    "phm",
+    "ppm",
+    "png",
+    "png-interlaced",
+    "hdr",
+    "hdr-runs",
+    "exr",
+    "exr-piz",
+    "exr-none",
+]
 
 
 @pytest.fixture
 def refuses(denoise, identity, work, formats):
-    """Checks that denoising into an existing file fails with a code, says the words, and changes nothing."""
+    """Checks that denoising into an existing file fails with code and words, changing nothing."""
+
     def check(code: int, *arguments: object, words: tuple[str, ...] = (), inputs: int = 3) -> None:
         (work / "out.pfm").write_bytes(b"old")
         before = sorted(p.name for p in work.iterdir())
@@ -47,6 +65,7 @@ def refuses(denoise, identity, work, formats):
         assert all(word in done.error for word in words), done.error
         assert (work / "out.pfm").read_bytes() == b"old"
         assert sorted(p.name for p in work.iterdir()) == before
+
     return check
 
 
@@ -77,32 +96,63 @@ def test_empty_missing_directory(refuses, work, formats, kind):
     refuses(2, "--hdr", path, words=(path.name, "directory"))
 
 
-@pytest.mark.parametrize("content, word", [
-    (b"\xff\xd8\xff\xe0 JFIF", "JPEG"), (b"version https://git-lfs.github.com/spec/v1\n", "LFS"),
-    (b"hello, world", "format"), (bytes(100), "format"), (b"P3\n1 1\n255\n0 0 0\n", "format")])
+@pytest.mark.parametrize(
+    "content, word",
+    [
+        (b"\xff\xd8\xff\xe0 JFIF", "JPEG"),
+        (b"version https://git-lfs.github.com/spec/v1\n", "LFS"),
+        (b"hello, world", "format"),
+        (bytes(100), "format"),
+        (b"P3\n1 1\n255\n0 0 0\n", "format"),
+    ],
+)
 def test_unknown_content(refuses, work, content, word):
     (work / "in.exr").write_bytes(content)
     refuses(2, "--hdr", "in.exr", words=("in.exr", word))
 
 
-@pytest.mark.parametrize("header", [
-    b"PF\n0 0\n-1.0\n", b"PF\n0 5\n-1.0\n", b"PF\n5 0\n-1\n", b"Pf\n-1 5\n-1.0\n", b"PF\n4 4\n0\n",
-    b"PF\n4 4\nnan\n", b"PF\n4.5 4\n-1\n", b"PF\n4 4 4 4", b"PF\n99999 99999\n-1.0\n",
-    b"PF\n70000 1\n-1.0\n" + bytes(840000), b"PF\n4294967296 4294967296\n-1.0\n",
-    b"PF\n1e30 1e30\n-1.0\n", b"Px\n2 2\n-1\n", b"P6\n0 0\n255\n", b"P6\n3 3\n0\n", b"P6\n3 3\n70000\n",
-    b"P6\n99999999999 1\n255\n", b"P6\n60000 60000\n255\n", b"P6\n# endless comment",
-    b"#?RADIANCE\n\n-Y 0 +X 0\n", b"#?RADIANCE\n\n-Y 60000 +X 60000\n", b"#?RADIANCE\n",
-    b"#?RADIANCE\nFORMAT=32-bit_rle_xyze\n\n-Y 1 +X 1\n\0\0\0\0", b"#?RADIANCE\n\n+X 4 -Y 4\n" + bytes(64),
-    b"#?RADIANCE\n\n-Y 1 -X 8\n" + bytes(64), b"#?RADIANCE\n\n-Y 1 +X 9\n\2\2\0\x08" + bytes(64),
-    b"#?RADIANCE\n\n-Y 1 +X 9\n\2\2\0\x09\x8a" + bytes(64), b"#?RADIANCE\n\n-Y 1 +X 9\n\2\2\0\x09\0" + bytes(64),
-    b"#?RADIANCE\n\n-Y 1 +X 5\n\1\1\1\1\1\1\1\xff" + bytes(64),
-])
+@pytest.mark.parametrize(
+    "header",
+    [
+        b"PF\n0 0\n-1.0\n",
+        b"PF\n0 5\n-1.0\n",
+        b"PF\n5 0\n-1\n",
+        b"Pf\n-1 5\n-1.0\n",
+        b"PF\n4 4\n0\n",
+        b"PF\n4 4\nnan\n",
+        b"PF\n4.5 4\n-1\n",
+        b"PF\n4 4 4 4",
+        b"PF\n99999 99999\n-1.0\n",
+        b"PF\n70000 1\n-1.0\n" + bytes(840000),
+        b"PF\n4294967296 4294967296\n-1.0\n",
+        b"PF\n1e30 1e30\n-1.0\n",
+        b"Px\n2 2\n-1\n",
+        b"P6\n0 0\n255\n",
+        b"P6\n3 3\n0\n",
+        b"P6\n3 3\n70000\n",
+        b"P6\n99999999999 1\n255\n",
+        b"P6\n60000 60000\n255\n",
+        b"P6\n# endless comment",
+        b"#?RADIANCE\n\n-Y 0 +X 0\n",
+        b"#?RADIANCE\n\n-Y 60000 +X 60000\n",
+        b"#?RADIANCE\n",
+        b"#?RADIANCE\nFORMAT=32-bit_rle_xyze\n\n-Y 1 +X 1\n\0\0\0\0",
+        b"#?RADIANCE\n\n+X 4 -Y 4\n" + bytes(64),
+        b"#?RADIANCE\n\n-Y 1 -X 8\n" + bytes(64),
+        b"#?RADIANCE\n\n-Y 1 +X 9\n\2\2\0\x08" + bytes(64),
+        b"#?RADIANCE\n\n-Y 1 +X 9\n\2\2\0\x09\x8a" + bytes(64),
+        b"#?RADIANCE\n\n-Y 1 +X 9\n\2\2\0\x09\0" + bytes(64),
+        b"#?RADIANCE\n\n-Y 1 +X 5\n\1\1\1\1\1\1\1\xff" + bytes(64),
+    ],
+)
 def test_hostile_headers(refuses, work, header):
     (work / "in.pfm").write_bytes(header)
     refuses(2, "--hdr", "in.pfm", words=("in.pfm",))
 
 
-@pytest.mark.parametrize("width, height", [(0, 0), (0, 7), (1 << 31, 1), (60000, 60000), (70000, 1)])
+@pytest.mark.parametrize(
+    "width, height", [(0, 0), (0, 7), (1 << 31, 1), (60000, 60000), (70000, 1)]
+)
 def test_hostile_png_sizes(refuses, work, png, width, height):
     head = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
     body = t.png_chunk(b"IHDR", head) + t.png_chunk(b"IDAT", zlib.compress(bytes(100)))
@@ -110,8 +160,15 @@ def test_hostile_png_sizes(refuses, work, png, width, height):
     refuses(2, "--hdr", "in.png", words=("in.png",))
 
 
-@pytest.mark.parametrize("window", [(0, 0, 99999, 9), (0, 0, -1, -1), (5, 5, 4, 9),
-                                    (-(1 << 31), -(1 << 31), (1 << 31) - 1, (1 << 31) - 1)])
+@pytest.mark.parametrize(
+    "window",
+    [
+        (0, 0, 99999, 9),
+        (0, 0, -1, -1),
+        (5, 5, 4, 9),
+        (-(1 << 31), -(1 << 31), (1 << 31) - 1, (1 << 31) - 1),
+    ],
+)
 def test_hostile_exr_windows(refuses, work, exr, window):
     path = sample(work, "exr")
     data = path.read_bytes()
@@ -140,7 +197,9 @@ def test_sizes_that_differ(refuses, work):
     t.write_pfm(work / "in.pfm", t.noise(H, W))
     t.write_pfm(work / "other.pfm", t.noise(H, W + 1))
     sizes = f"{W + 1}x{H}", f"{W}x{H}"
-    refuses(2, "--hdr", "in.pfm", "--alb", "other.pfm", words=("other.pfm", "in.pfm", *sizes), inputs=6)
+    refuses(
+        2, "--hdr", "in.pfm", "--alb", "other.pfm", words=("other.pfm", "in.pfm", *sizes), inputs=6
+    )
 
 
 @pytest.mark.parametrize("role", ["--alb", "--nrm"])
@@ -151,8 +210,10 @@ def test_bad_auxiliary_files(refuses, work, role):
     refuses(2, "--hdr", "in.pfm", role, "bad.pfm", words=("bad.pfm", "truncated"))
 
 
-@pytest.mark.parametrize("content, word", [(b"", "empty"), (b"\xd7\x41\x02\0", "bad.tza"),
-                                           (b"hello", "bad.tza"), (None, "No such file")])
+@pytest.mark.parametrize(
+    "content, word",
+    [(b"", "empty"), (b"\xd7\x41\x02\0", "bad.tza"), (b"hello", "bad.tza"), (None, "No such file")],
+)
 def test_bad_weights(denoise, work, content, word):
     t.write_pfm(work / "in.pfm", t.noise(H, W))
     if content is not None:
@@ -180,7 +241,9 @@ def test_outputs_that_cannot_be_written(denoise, identity, work):
     assert sorted(p.name for p in work.iterdir()) == ["folder.pfm", "in.pfm"]
 
 
-@pytest.mark.skipif(os.name != "posix" or not os.path.exists("/dev/full"), reason="optional: no /dev/full")
+@pytest.mark.skipif(
+    os.name != "posix" or not os.path.exists("/dev/full"), reason="optional: no /dev/full"
+)
 @pytest.mark.parametrize("extension", ["pfm", "exr", "png", "hdr", "ppm"])
 def test_full_disk(denoise, identity, work, formats, extension):
     skip_without(extension, formats)

@@ -1,5 +1,5 @@
-"""Every format read and written. With weights that change nothing, and --srgb, which keeps values as they
-are, the result of a picture in [0, 1] is that picture."""
+"""Every format read and written. With weights that change nothing, and --srgb, which keeps values
+as they are, the result of a picture in [0, 1] is that picture."""
 
 from __future__ import annotations
 
@@ -16,10 +16,14 @@ COMPRESSIONS = "NO RLE ZIPS ZIP PIZ PXR24".split()
 @pytest.fixture
 def copy(denoise, identity, work):
     """Denoises a file into another with weights that change nothing."""
+
     def run(source, target, *more):
-        done = denoise("--ldr", source, "--srgb", "--no_aux", "-w", identity[3], "-o", target, *more)
+        done = denoise(
+            "--ldr", source, "--srgb", "--no_aux", "-w", identity[3], "-o", target, *more
+        )
         assert done.code == 0, done.err
         return done
+
     return run
 
 
@@ -46,8 +50,9 @@ def test_pfm_scale_and_byte_order(copy, work, scale):
 
 
 def test_half_rounds_to_even_and_overflows_to_infinity(denoise, identity, work):
-    values = np.array([1 + 2**-11, 1 + 3 * 2**-11, 65519, 65520, 1e30, 2**-25, 3 * 2**-25, 2**-24],
-                      np.float32)
+    values = np.array(
+        [1 + 2**-11, 1 + 3 * 2**-11, 65519, 65520, 1e30, 2**-25, 3 * 2**-25, 2**-24], np.float32
+    )
     image = np.repeat(values.reshape(1, -1, 1), 3, 2)
     t.write_pfm(work / "in.pfm", image)
     assert denoise("--ldr", "in.pfm", "-w", identity[3], "-t", "half", "--json").code == 0
@@ -113,9 +118,17 @@ def test_png_palette(copy, work, png):
     assert (t.read_png(work / "out.png")[0] == palette[index[..., 0]]).all()
 
 
-@pytest.mark.parametrize("coding, width, up", [
-    ("flat", 5, False), ("flat", 40, False), ("runs", 40, False), ("runs", 300, True),
-    ("repeats", 40, False), ("repeats", 300, False)])
+@pytest.mark.parametrize(
+    "coding, width, up",
+    [
+        ("flat", 5, False),
+        ("flat", 40, False),
+        ("runs", 40, False),
+        ("runs", 300, True),
+        ("repeats", 40, False),
+        ("repeats", 300, False),
+    ],
+)
 def test_radiance(copy, work, coding, width, up):
     rgbe = t.to_rgbe(t.noise(H, width) * 0.9)
     rgbe[:, width // 3 : width // 2] = rgbe[0, 0]  # something to repeat

@@ -12,8 +12,9 @@ H, W = 40, 56
 pytestmark = pytest.mark.usefixtures("exr")
 
 
-def layers(color: str = "", albedo: str | None = None, normal: str | None = None,
-           xyz: str = "XYZ") -> dict:
+def layers(
+    color: str = "", albedo: str | None = None, normal: str | None = None, xyz: str = "XYZ"
+) -> dict:
     """Channels of a frame under the given prefixes."""
     images = t.scene(H, W)
     channels = t.planes(color, images["color"])
@@ -25,14 +26,17 @@ def layers(color: str = "", albedo: str | None = None, normal: str | None = None
 
 
 NAMES = [  # colour, albedo, normal; components of the normal
-    ("", "albedo.", "normal.", "XYZ"), ("", "albedo.", "normal.", "RGB"),
+    ("", "albedo.", "normal.", "XYZ"),
+    ("", "albedo.", "normal.", "RGB"),
     ("Noisy Image.", "Denoising Albedo.", "Denoising Normal.", "XYZ"),
     ("ViewLayer.Combined.", "ViewLayer.Denoising Albedo.", "ViewLayer.Denoising Normal.", "XYZ"),
     ("ViewLayer.Noisy Image.", "ViewLayer.DiffCol.", "ViewLayer.Normal.", "XYZ"),
     ("Beauty.", "VisibleDiffuse.", "VisibleNormals.", "XYZ"),
     ("Composite.Combined.", "diffuse.", "Normals.", "XYZ"),
-    ("", "diffuse_albedo.", "N.", "XYZ"), ("", "Albedo.", "Ns.", "XYZ"),
-    ("", "OptixAlbedo.", "OptixNormals.", "XYZ"), ("rgba.", "albedo.", "sh_normal.", "XYZ"),
+    ("", "diffuse_albedo.", "N.", "XYZ"),
+    ("", "Albedo.", "Ns.", "XYZ"),
+    ("", "OptixAlbedo.", "OptixNormals.", "XYZ"),
+    ("rgba.", "albedo.", "sh_normal.", "XYZ"),
 ]
 
 
@@ -41,8 +45,11 @@ def test_usual_names(denoise, identity, work, color, albedo, normal, xyz):
     t.write_exr(work / "in.exr", layers(color, albedo, normal, xyz))
     done = denoise("--hdr", "in.exr", "-w", identity[9])
     assert done.code == 0, done.err
-    for role, prefix, names in (("color", color, "RGB"), ("albedo", albedo, "RGB"),
-                                ("normal", normal, xyz)):
+    for role, prefix, names in (
+        ("color", color, "RGB"),
+        ("albedo", albedo, "RGB"),
+        ("normal", normal, xyz),
+    ):
         channels = " ".join(prefix + n for n in names)
         assert f"  {role}=in.exr ({channels})\n" in done.out
 
@@ -80,8 +87,18 @@ def test_layer_option(denoise, identity, work):
     channels |= t.planes("texture.", other["albedo"]) | t.planes("bump.", other["normal"], "XYZ")
     channels |= {"a": channels["R"], "b": channels["G"], "c": channels["B"]}
     t.write_exr(work / "in.exr", channels)
-    done = denoise("in.exr", "-w", identity[9], "--json", "--layer", "albedo=texture", "--layer",
-                   "normal=bump.X,bump.Y,bump.Z", "--layer", "color=a,b,c")
+    done = denoise(
+        "in.exr",
+        "-w",
+        identity[9],
+        "--json",
+        "--layer",
+        "albedo=texture",
+        "--layer",
+        "normal=bump.X,bump.Y,bump.Z",
+        "--layer",
+        "color=a,b,c",
+    )
     assert done.code == 0, done.err
     assert done.json["albedo"]["layer"] == ["texture.R", "texture.G", "texture.B"]
     assert done.json["normal"]["layer"] == ["bump.X", "bump.Y", "bump.Z"]
@@ -99,7 +116,9 @@ def test_given_files_come_first(denoise, identity, work):
     t.write_pfm(work / "albedo.pfm", t.noise(H, W))
     done = denoise("in.exr", "--alb", "albedo.pfm", "-w", identity[9], "--json")
     assert done.json["albedo"]["file"] == "albedo.pfm" and done.json["normal"]["file"] == "in.exr"
-    done = denoise("--hdr", "in.exr", "--alb", "in.exr", "--nrm", "in.exr", "-w", identity[9], "--json")
+    done = denoise(
+        "--hdr", "in.exr", "--alb", "in.exr", "--nrm", "in.exr", "-w", identity[9], "--json"
+    )
     assert done.json["albedo"]["layer"] == ["albedo.R", "albedo.G", "albedo.B"]
     assert done.json["normal"]["layer"] == ["normal.X", "normal.Y", "normal.Z"]
 
@@ -119,7 +138,9 @@ def test_grey_and_unknown_colour(denoise, identity, work):
     grey = t.noise(H, W, 1)
     t.write_exr(work / "y.exr", t.planes("", grey, "Y"))
     assert denoise("y.exr", "-w", identity[3], "--json").json["color"]["layer"] == ["Y"]
-    t.write_exr(work / "z.exr", t.planes("pass.", t.noise(H, W)) | t.planes("albedo.", t.noise(H, W)))
+    t.write_exr(
+        work / "z.exr", t.planes("pass.", t.noise(H, W)) | t.planes("albedo.", t.noise(H, W))
+    )
     report = denoise("z.exr", "-w", identity[6], "--json").json
     assert report["color"]["layer"] == ["pass.R", "pass.G", "pass.B"]
 
@@ -131,8 +152,14 @@ def header_of(path, part: int = 0) -> dict:
     return {k: repr(v) for k, v in OpenEXR.File(str(path)).parts[part].header.items()}
 
 
-EXTRA = {"comments": "hello", "owner": "somebody", "capDate": "2020:01:02 03:04:05",
-         "framesPerSecond": 24.0, "renderer": "test 1.0", "samples": 4}
+EXTRA = {
+    "comments": "hello",
+    "owner": "somebody",
+    "capDate": "2020:01:02 03:04:05",
+    "framesPerSecond": 24.0,
+    "renderer": "test 1.0",
+    "samples": 4,
+}
 
 
 @pytest.mark.parametrize("compression", "NO RLE ZIPS ZIP PIZ PXR24 B44 B44A".split())
@@ -140,9 +167,12 @@ EXTRA = {"comments": "hello", "owner": "somebody", "capDate": "2020:01:02 03:04:
 def test_other_layers_and_metadata_are_kept(denoise, identity, work, compression, tiled):
     channels = layers("", "albedo.", "N.")
     rng = np.random.default_rng(5)
-    channels |= {"A": rng.random((H, W)).astype(np.float16), "Z": rng.random((H, W)).astype(np.float32),
-                 "id": rng.integers(0, 2**32, (H, W), dtype=np.uint32),
-                 "a.layer.with.a.name.longer.than.31.letters.R": rng.random((H, W)).astype(np.float16)}
+    channels |= {
+        "A": rng.random((H, W)).astype(np.float16),
+        "Z": rng.random((H, W)).astype(np.float32),
+        "id": rng.integers(0, 2**32, (H, W), dtype=np.uint32),
+        "a.layer.with.a.name.longer.than.31.letters.R": rng.random((H, W)).astype(np.float16),
+    }
     header = {**EXTRA, "compression": getattr(OpenEXR, f"{compression}_COMPRESSION")}
     if tiled:
         header |= {"type": OpenEXR.tiledimage, "tiles": OpenEXR.TileDescription()}
@@ -160,23 +190,31 @@ def test_other_layers_and_metadata_are_kept(denoise, identity, work, compression
     assert (t.stack(after, "R", "G", "B") == t.read_pfm(work / "out.pfm")).all()
     lossy = compression in ("PXR24", "B44", "B44A")
     expected, found = header_of(work / "in.exr"), header_of(work / "out.exr")
-    assert found.pop("compression") == (repr(OpenEXR.ZIP_COMPRESSION) if lossy
-                                        else expected["compression"])
+    assert found.pop("compression") == (
+        repr(OpenEXR.ZIP_COMPRESSION) if lossy else expected["compression"]
+    )
     expected.pop("compression")
     assert found == expected
 
 
 def test_window_and_line_order(denoise, identity, work):
     box = ((-3, 7), (-3 + W - 1, 7 + H - 1))
-    t.write_exr(work / "in.exr", layers("", "albedo."), dataWindow=box,
-                displayWindow=((0, 0), (99, 99)), lineOrder=OpenEXR.DECREASING_Y)
+    t.write_exr(
+        work / "in.exr",
+        layers("", "albedo."),
+        dataWindow=box,
+        displayWindow=((0, 0), (99, 99)),
+        lineOrder=OpenEXR.DECREASING_Y,
+    )
     assert denoise("in.exr", "-w", identity[6], "-o", "out.exr").code == 0
     expected, found = header_of(work / "in.exr"), header_of(work / "out.exr")
     for name in ("dataWindow", "displayWindow"):
         assert found[name] == expected[name]
     albedo = "albedo.R", "albedo.G", "albedo.B"
-    assert (t.stack(t.read_exr(work / "out.exr"), *albedo)
-            == t.stack(t.read_exr(work / "in.exr"), *albedo)).all()
+    assert (
+        t.stack(t.read_exr(work / "out.exr"), *albedo)
+        == t.stack(t.read_exr(work / "in.exr"), *albedo)
+    ).all()
 
 
 def test_parts_are_kept(denoise, identity, work):
@@ -184,15 +222,30 @@ def test_parts_are_kept(denoise, identity, work):
     tiles = OpenEXR.TileDescription()
     tiles.xSize = tiles.ySize = 16
     parts = [
-        OpenEXR.Part({"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage, **EXTRA},
-                     t.planes("", images["color"]), "beauty"),
-        OpenEXR.Part({"compression": OpenEXR.PIZ_COMPRESSION, "type": OpenEXR.scanlineimage},
-                     t.planes("", images["albedo"]), "albedo"),
-        OpenEXR.Part({"compression": OpenEXR.B44_COMPRESSION, "type": OpenEXR.tiledimage,
-                      "tiles": tiles}, t.planes("", images["normal"], "XYZ"), "N"),
-        OpenEXR.Part({"compression": OpenEXR.RLE_COMPRESSION, "type": OpenEXR.scanlineimage,
-                      "displayWindow": ((0, 0), (W - 1, H - 1))},
-                     {"Z": t.noise(7, 9, 1)[..., 0]}, "small depth"),
+        OpenEXR.Part(
+            {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage, **EXTRA},
+            t.planes("", images["color"]),
+            "beauty",
+        ),
+        OpenEXR.Part(
+            {"compression": OpenEXR.PIZ_COMPRESSION, "type": OpenEXR.scanlineimage},
+            t.planes("", images["albedo"]),
+            "albedo",
+        ),
+        OpenEXR.Part(
+            {"compression": OpenEXR.B44_COMPRESSION, "type": OpenEXR.tiledimage, "tiles": tiles},
+            t.planes("", images["normal"], "XYZ"),
+            "N",
+        ),
+        OpenEXR.Part(
+            {
+                "compression": OpenEXR.RLE_COMPRESSION,
+                "type": OpenEXR.scanlineimage,
+                "displayWindow": ((0, 0), (W - 1, H - 1)),
+            },
+            {"Z": t.noise(7, 9, 1)[..., 0]},
+            "small depth",
+        ),
     ]
     OpenEXR.File(parts).write(str(work / "in.exr"))
     done = denoise("in.exr", "-w", identity[9], "-o", "out.exr", "--json")
@@ -223,4 +276,7 @@ def test_type_option_changes_only_the_colour(denoise, identity, work):
     assert denoise("in.exr", "-w", identity[9], "-t", "float", "-o", "out.exr").code == 0
     after = t.read_exr(work / "out.exr")
     assert {n: after[n].dtype for n in ("R", "albedo.R", "N.X")} == {
-        "R": np.float32, "albedo.R": np.float16, "N.X": np.float16}
+        "R": np.float32,
+        "albedo.R": np.float16,
+        "N.X": np.float16,
+    }

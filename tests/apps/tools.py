@@ -1,4 +1,4 @@
-"""Small images, weights and files for the tests of the programs. Images are float arrays [H, W, C]."""
+"""Small images, weights and files for the tests of the programs. Images: float arrays [H, W, C]."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def scene(height: int = 96, width: int = 128, seed: int = 1) -> dict[str, np.nda
     albedo = np.full((height, width, 3), 0.5, np.float32)
     normal = np.zeros((height, width, 3), np.float32)
     normal[..., 2] = 1
-    for k in range(14):
+    for _ in range(14):
         cy, cx, r = rng.uniform(0, height), rng.uniform(0, width), rng.uniform(5, 18)
         inside = (y - cy) ** 2 + (x - cx) ** 2 < r * r
         albedo[inside] = rng.uniform(0.05, 0.95, 3)
@@ -192,8 +192,15 @@ def read_hdr(path: Path) -> np.ndarray:
 # ---- PNG -----------------------------------------------------------------------------------------
 
 PNG_COLOR = {1: 0, 2: 4, 3: 2, 4: 6}  # channels -> colour type
-ADAM7 = [(0, 0, 8, 8), (4, 0, 8, 8), (0, 4, 4, 8), (2, 0, 4, 4), (0, 2, 2, 4), (1, 0, 2, 2),
-         (0, 1, 1, 2)]  # x, y, step x, step y
+ADAM7 = [
+    (0, 0, 8, 8),
+    (4, 0, 8, 8),
+    (0, 4, 4, 8),
+    (2, 0, 4, 4),
+    (0, 2, 2, 4),
+    (1, 0, 2, 2),
+    (0, 1, 1, 2),
+]  # x, y, step x, step y
 
 
 def png_chunk(kind: bytes, data: bytes) -> bytes:
@@ -201,11 +208,18 @@ def png_chunk(kind: bytes, data: bytes) -> bytes:
 
 
 def png_rows(codes: np.ndarray, bits: int) -> bytes:
-    return b"".join(b"\0" + row.astype(">u2" if bits == 16 else np.uint8).tobytes() for row in codes)
+    return b"".join(
+        b"\0" + row.astype(">u2" if bits == 16 else np.uint8).tobytes() for row in codes
+    )
 
 
-def write_png(path: Path, codes: np.ndarray, bits: int = 8, interlaced: bool = False,
-              palette: np.ndarray | None = None) -> Path:
+def write_png(
+    path: Path,
+    codes: np.ndarray,
+    bits: int = 8,
+    interlaced: bool = False,
+    palette: np.ndarray | None = None,
+) -> Path:
     """codes: integers [H, W, 1..4]; palette: [n, 3], then codes are [H, W, 1] indices."""
     height, width, channels = codes.shape
     color = 3 if palette is not None else PNG_COLOR[channels]
@@ -225,7 +239,9 @@ def read_png(path: Path) -> tuple[np.ndarray, int]:
     while at < len(data):
         (size,), kind = struct.unpack(">I", data[at : at + 4]), data[at + 4 : at + 8]
         body = data[at + 8 : at + 8 + size]
-        assert struct.unpack(">I", data[at + 8 + size : at + 12 + size])[0] == zlib.crc32(kind + body)
+        assert struct.unpack(">I", data[at + 8 + size : at + 12 + size])[0] == zlib.crc32(
+            kind + body
+        )
         if kind == b"IHDR":
             width, height, bits, color, _, _, interlaced = struct.unpack(">IIBBBBB", body)
         pixels += body if kind == b"IDAT" else b""
@@ -255,8 +271,10 @@ def unfilter(out: np.ndarray, y: int, kind: int, row: np.ndarray, step: int) -> 
 
 def planes(prefix: str, image: np.ndarray, names: str = "RGB", dtype=np.float16) -> dict:
     """EXR channels of an image: prefix "albedo." and names "RGB" give albedo.R, ..."""
-    return {f"{prefix}{n}": np.ascontiguousarray(image[..., i].astype(dtype))
-            for i, n in enumerate(names)}
+    return {
+        f"{prefix}{n}": np.ascontiguousarray(image[..., i].astype(dtype))
+        for i, n in enumerate(names)
+    }
 
 
 def write_exr(path: Path, channels: dict, **header) -> Path:

@@ -1,0 +1,91 @@
+"""lullInfo: processor, weights, images, comparison."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.apps import tools as t
+
+
+def test_processor_and_ports(info):
+    done = info()
+    assert done.code == 0 and done.out.startswith("lull ") and "\nCPU: " in done.out
+    report = info("--json").json
+    ports = {p["name"]: p["available"] for p in report["ports"]}
+    assert ports["scalar"] is True and report["cpu"]
+
+
+def test_weights(info, identity):
+    report = info(identity[9], "--json", "-s", 640, 480).json["files"][0]
+    assert (report["network"], report["inputs"], report["integer"]) == ("unet", 9, False)
+    assert report["file_bytes"] == identity[9].stat().st_size
+    assert report["plan_bytes"] >= report["plan_minimum_bytes"] > 0
+    tall = info(identity[9], "--json", "-s", 640, 4800).json["files"][0]
+    assert tall["plan_minimum_bytes"] < 1.05 * report["plan_minimum_bytes"]
+    # One layer at full size has 9 input channels, and so on: counted by hand for four channels.
+    per_level = [
+        9 * 4 + 4 * 4 + (4 + 9) * 4 + 4 * 4 + 4 * 3,
+        16 + 32 + 16,
+        16 + 32 + 16,
+        16 + 32 + 16,
+        32,
+    ]
+    assert report["macs_per_pixel"] == sum(9 * n / 4**i for i, n in enumerate(per_level)) // 1
+
+
+def test_bad_weights(info, work):
+    (work / "bad.tza").write_bytes(b"\xd7\x41\x02\0" + bytes(60))
+    done = info("bad.tza")
+    assert done.code == 2 and "bad.tza" in done.error
+
+
+def test_image(info, work):
+    image = t.noise(20, 30)
+    image[0, 0, 0] = np.nan
+    t.write_pfm(work / "in.pfm", image)
+    report = info("in.pfm", "--json").json["files"][0]
+    assert (report["width"], report["height"], report["channels"]) == (30, 20, 3)
+    color = report["color"]
+    assert color["nonfinite"] == 1 and color["type"] == "float"
+    assert color["min"] == pytest.approx(np.nanmin(image))
+    assert color["max"] == pytest.approx(np.nanmax(image))
+    assert color["mean"] == pytest.approx(np.nanmean(image), rel=1e-5)
+    assert color["hash"] == t.fnv1a(image.tobytes())
+    assert "30x20, 3 channels" in info("in.pfm").out
+
+
+def test_layers_of_an_image(info, work, exr):
+    images = t.scene(20, 30)
+    channels = t.planes("", images["color"]) | t.planes("albedo.", images["albedo"])
+    t.write_exr(work / "in.exr", channels)
+    report = info("in.exr", "--json").json["files"][0]
+    assert report["albedo"]["layer"] == ["albedo.R", "albedo.G", "albedo.B"]
+    assert report["color"]["type"] == "half" and "normal" not in report
+
+
+def test_compare(info, work):
+    reference, image = t.noise(40, 50, seed=1) * 4, t.noise(40, 50, seed=2) * 4
+    for name, pixels in ("ref", reference), ("a", image), ("same", reference):
+        t.write_pfm(work / f"{name}.pfm", pixels)
+    done = info("--compare", "ref.pfm", "a.pfm", "same.pfm", "--json")
+    assert done.code == 0
+    first, second = done.json["files"]
+    luminance = np.sort((reference @ np.float32([0.2127, 0.7152, 0.0722])).ravel())
+    scale = 0.8 / luminance[int(0.97 * (luminance.size - 1))]
+    shown = [t.srgb_encode(np.clip(x * scale, 0, 1)) for x in (reference, image)]
+    psnr = -10 * np.log10(np.mean((shown[0] - shown[1]) ** 2))
+    assert first["psnr"] == pytest.approx(psnr, abs=1e-3)
+    difference = np.abs(reference - image)
+    average = (difference / (reference + image + 0.01)).mean()
+    assert first["avgerror"] == pytest.approx(average, rel=1e-4)
+    assert (second["errors"], second["avgerror"], second["psnr"]) == (0, 0, None)
+
+
+def test_compare_errors(info, work):
+    t.write_pfm(work / "a.pfm", t.noise(4, 5))
+    t.write_pfm(work / "b.pfm", t.noise(4, 6))
+    assert info("--compare", "a.pfm", "b.pfm").code == 2
+    assert info("--compare", "none.pfm", "b.pfm").code == 2
+    assert info("none.pfm").code == 2
+    assert info("--nonsense").code == 1 and info("--help").code == 1
