@@ -81,7 +81,7 @@ def calibration_input(images: dict[str, np.ndarray], content: str = "hdr") -> np
 
 
 def calibration_set(folder: Path, count: int) -> list[np.ndarray]:
-    """Inputs from `count` groups of a data set, evenly spread, with changing features and content."""
+    """Inputs from `count` groups of a data set, evenly spread; features and content change."""
     from training.features import load
     from training.scan import scan
     groups = sorted(scan(folder, ["hdr", "alb", "nrm"]).groups, key=lambda g: g.name)
