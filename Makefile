@@ -131,7 +131,7 @@ DEFINES := -DLULL_WITH_OPENEXR=$(WITH_OPENEXR) -DLULL_WITH_PNG=$(WITH_PNG) \
 BASE_FLAGS = -std=c99 $(OPT) $(EXACT) $(WARNINGS) -fvisibility=hidden $(PIC) $(SAN_FLAGS) $(DEFINES)
 # lib/ and ports/ call nothing of libc but mem*: no stack protector, no _chk variants.
 CORE_FLAGS := -fno-stack-protector -U_FORTIFY_SOURCE $(if $(call takes,-fstack-usage),-fstack-usage)
-HOSTED_FLAGS := -D_POSIX_C_SOURCE=200809L -Ilib -Ioidn/include $(if $(filter 1,$(WITH_THREADS)),-pthread)
+HOSTED_FLAGS := -D_POSIX_C_SOURCE=200809L -D_FILE_OFFSET_BITS=64 -Ilib -Ioidn/include $(if $(filter 1,$(WITH_THREADS)),-pthread)
 THREAD_LIBS := $(if $(filter 1,$(WITH_THREADS)),-pthread)
 
 # ---- What is built -------------------------------------------------------------------------------
