@@ -4,8 +4,18 @@
 #include <stddef.h>
 #include <string.h>
 
+#define PATTERN_MAX 200
+#define TEXT_MAX 127
+
+/* Where matching failed before: what follows depends only on the places in pattern and text, so
+ * that no pair need be tried twice and backtracking stays cheap. */
+typedef struct matcher {
+    const char *pattern, *text;
+    unsigned char failed[PATTERN_MAX + 1][TEXT_MAX + 1];
+} matcher;
+
 /* Matching goes by continuations: match_here() matches a part of the pattern and then whatever
- * `next` says is left of it. Patterns and texts are short, so backtracking costs nothing. */
+ * `next` says is left of it. */
 typedef struct rest {
     const char *start, *end; /* the pattern that follows */
     const struct rest *next;
@@ -20,7 +30,8 @@ typedef struct repeat {
     int is_once; /* '?' */
 } repeat;
 
-static int match_alternatives(const char *p, const char *end, const char *text, const rest *next);
+static int match_alternatives(matcher *m, const char *p, const char *end, const char *text,
+                              const rest *next);
 
 /* End of the piece (character, class or group) at p; NULL if it is not closed. */
 static const char *piece_end(const char *p, const char *end)
@@ -81,18 +92,21 @@ static int matches_one(const char *p, const char *end, char text)
     return found != is_negated;
 }
 
-static int match_rest(const rest *next, const char *text);
+static int match_rest(matcher *m, const rest *next, const char *text);
+static int match_here(matcher *m, const char *p, const char *end, const char *text,
+                      const rest *next);
 
 /* Matches a piece once, then `next`. */
-static int match_piece(const char *p, const char *end, const char *text, const rest *next)
+static int match_piece(matcher *m, const char *p, const char *end, const char *text,
+                       const rest *next)
 {
     if (*p == '(')
-        return match_alternatives(p + 1, end - 1, text, next);
-    return *text && matches_one(p, end, *text) && match_rest(next, text + 1);
+        return match_alternatives(m, p + 1, end - 1, text, next);
+    return *text && matches_one(p, end, *text) && match_rest(m, next, text + 1);
 }
 
 /* A sequence of pieces without '|' at its level, then `next`. */
-static int match_here(const char *p, const char *end, const char *text, const rest *next)
+static int try_here(matcher *m, const char *p, const char *end, const char *text, const rest *next)
 {
     const char *after;
     rest follow;
@@ -100,7 +114,7 @@ static int match_here(const char *p, const char *end, const char *text, const re
     char quantifier;
 
     if (p == end)
-        return match_rest(next, text);
+        return match_rest(m, next, text);
     after = piece_end(p, end);
     quantifier = after < end ? *after : 0;
     memset(&follow, 0, sizeof follow);
@@ -108,7 +122,7 @@ static int match_here(const char *p, const char *end, const char *text, const re
         follow.start = after;
         follow.end = end;
         follow.next = next;
-        return match_piece(p, after, text, &follow);
+        return match_piece(m, p, after, text, &follow);
     }
     loop.piece = p;
     loop.piece_end = after;
@@ -118,12 +132,22 @@ static int match_here(const char *p, const char *end, const char *text, const re
     loop.is_once = quantifier == '?';
     follow.repeat = &loop;
     follow.from = text;
-    if (match_piece(p, after, text, &follow))
+    if (match_piece(m, p, after, text, &follow))
         return 1;
-    return quantifier != '+' && match_here(loop.after, end, text, next);
+    return quantifier != '+' && match_here(m, loop.after, end, text, next);
 }
 
-static int match_rest(const rest *next, const char *text)
+static int match_here(matcher *m, const char *p, const char *end, const char *text,
+                      const rest *next)
+{
+    unsigned char *failed = &m->failed[p - m->pattern][text - m->text];
+    if (*failed)
+        return 0;
+    *failed = !try_here(m, p, end, text, next);
+    return !*failed;
+}
+
+static int match_rest(matcher *m, const rest *next, const char *text)
 {
     const repeat *loop;
     rest again;
@@ -131,24 +155,25 @@ static int match_rest(const rest *next, const char *text)
         return *text == 0;
     loop = next->repeat;
     if (!loop)
-        return match_here(next->start, next->end, text, next->next);
+        return match_here(m, next->start, next->end, text, next->next);
     memset(&again, 0, sizeof again);
     again.repeat = loop;
     again.from = text;
     /* An empty repetition would go on for ever. */
     if (!loop->is_once && text != next->from &&
-        match_piece(loop->piece, loop->piece_end, text, &again))
+        match_piece(m, loop->piece, loop->piece_end, text, &again))
         return 1;
-    return match_here(loop->after, loop->end, text, loop->next);
+    return match_here(m, loop->after, loop->end, text, loop->next);
 }
 
-static int match_alternatives(const char *p, const char *end, const char *text, const rest *next)
+static int match_alternatives(matcher *m, const char *p, const char *end, const char *text,
+                              const rest *next)
 {
     for (;;) {
         const char *stop = p;
         while (stop < end && *stop != '|')
             stop = piece_end(stop, end);
-        if (match_here(p, stop, text, next))
+        if (match_here(m, p, stop, text, next))
             return 1;
         if (stop == end)
             return 0;
@@ -184,12 +209,18 @@ static const char *error_between(const char *p, const char *end)
 
 const char *pattern_error(const char *pattern)
 {
-    if (strlen(pattern) > 200)
+    if (strlen(pattern) > PATTERN_MAX)
         return "too long";
     return error_between(pattern, pattern + strlen(pattern));
 }
 
 int pattern_matches(const char *pattern, const char *text)
 {
-    return match_alternatives(pattern, pattern + strlen(pattern), text, NULL);
+    matcher m;
+    if (strlen(pattern) > PATTERN_MAX || strlen(text) > TEXT_MAX)
+        return 0;
+    memset(&m, 0, sizeof m);
+    m.pattern = pattern;
+    m.text = text;
+    return match_alternatives(&m, pattern, pattern + strlen(pattern), text, NULL);
 }

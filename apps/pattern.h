@@ -4,7 +4,7 @@
 #ifndef LULL_APPS_PATTERN_H
 #define LULL_APPS_PATTERN_H
 
-/* 1 if the whole text matches. */
+/* 1 if the whole text, of at most 127 bytes, matches; the pattern must be free of errors. */
 int pattern_matches(const char *pattern, const char *text);
 
 /* NULL, or what is wrong with the pattern (static text). */
