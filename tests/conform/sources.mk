@@ -12,4 +12,5 @@ TEST_conform_emulated_SOURCES := tests/conform/emulate_main.c tests/conform/conf
                                  tests/conform/emulate_conv_int_avx512.c \
                                  tests/conform/emulate_conv_int_avxvnni.c \
                                  tests/conform/emulate_conv_int_vnni.c
-TEST_conform_emulated_FLAGS := -Wno-psabi
+# The emulation is thousands of small functions: at -O3 its files take minutes to compile.
+TEST_conform_emulated_FLAGS := -Wno-psabi -O1
