@@ -9,7 +9,7 @@ import numpy as np
 
 from export.pixels import Frame
 from export.quantizer import Quantizer
-from export.reference import NARROW_MAX, WIDE_MAX, FloatModel, IntModel, padded
+from export.reference import NARROW_MAX, WIDE_MAX, FloatModel, IntModel, denoise
 from training import color
 
 TAPS, SIGMA, C1, C2 = 11, 1.5, 0.01**2, 0.03**2  # SSIM
@@ -61,12 +61,6 @@ def flip(a: np.ndarray, b: np.ndarray) -> float:
     return float(flip_evaluator.evaluate(b, a, "LDR", inputsRGB=True)[1])
 
 
-def denoised(model: FloatModel | IntModel, frame: Frame, channels: int = 3) -> np.ndarray:
-    """The whole way from a frame's images to the output image [H,W,channels]."""
-    x = frame.network_input()
-    return frame.finished(model.run(padded(x))[:x.shape[0], :x.shape[1]], channels)
-
-
 def displayed(image: np.ndarray, frame: Frame, exposure: float) -> np.ndarray:
     """[0,1]: tone-mapped sRGB for HDR content, sRGB for linear content, codes as they are else."""
     rule = frame.rule()
@@ -112,7 +106,7 @@ class Scores:
 
 
 def compare(exact: FloatModel, model: IntModel, sample: Sample) -> Scores:
-    wanted, got = denoised(exact, sample.frame), denoised(model, sample.frame)
+    wanted, got = denoise(exact, sample.frame), denoise(model, sample.frame)
     truth = wanted if sample.reference is None else sample.reference
     exposure = color.autoexposure(truth) if sample.frame.rule().is_hdr else 1.0
     a, b = (displayed(x, sample.frame, exposure) for x in (wanted, got))

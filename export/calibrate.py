@@ -1,6 +1,7 @@
 """Pictures for the quantiser: from files, or synthetic ones; as frames and as network inputs."""
 from __future__ import annotations
 
+import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -43,6 +44,20 @@ class Kind:
         return Kind(features, content if main == "color" else "ldr")
 
 
+def add_kind(parser: argparse.ArgumentParser) -> None:
+    """Options that say what a model denoises: `content` and `main`."""
+    group = parser.add_mutually_exclusive_group()
+    for name, text in (("hdr", "linear radiance (default)"), ("ldr", "linear color in [0,1]"),
+                       ("srgb", "color in [0,1], encoded"), ("lightmap-hdr", "lightmaps"),
+                       ("lightmap-dir", "directional lightmaps, in [-1,1]")):
+        group.add_argument(f"--{name}", dest="content", action="store_const", const=name,
+                           help=f"the model denoises {text}")
+    for name, text in (("albedo", "albedo"), ("normal", "normals")):
+        group.add_argument(f"--{name}", dest="main", action="store_const", const=name,
+                           help=f"the model denoises {text} alone")
+    parser.set_defaults(content="hdr", main="color")
+
+
 def read_picture(path: Path, kind: Kind) -> dict[str, np.ndarray]:
     """The features of one picture: a file of layers, or x.hdr.exr with .alb and .nrm beside it."""
     path = Path(path)
@@ -71,8 +86,8 @@ def read_picture(path: Path, kind: Kind) -> dict[str, np.ndarray]:
     return images
 
 
-def frame_of(images: dict[str, np.ndarray], kind: Kind) -> Frame:
-    return Frame(images, kind.content)
+def frame_of(images: dict[str, np.ndarray], kind: Kind, scale: float | None = None) -> Frame:
+    return Frame(images, kind.content, scale)
 
 
 def synthetic_frames(kind: Kind) -> list[Frame]:

@@ -15,7 +15,14 @@ from pathlib import Path
 import numpy as np
 
 from export.accuracy import Sample, compare, layer_table, sample_table
-from export.calibrate import Kind, frame_of, network_inputs, read_picture, synthetic_frames
+from export.calibrate import (
+    Kind,
+    add_kind,
+    frame_of,
+    network_inputs,
+    read_picture,
+    synthetic_frames,
+)
 from export.graph import find_net
 from export.pixels import CONTENTS
 from export.quantizer import RANGES, Options, Quantizer
@@ -60,16 +67,7 @@ def arguments() -> argparse.ArgumentParser:
     add("output", type=Path, metavar="OUT.tza", help="integer model, written anew")
     add("--calib", type=Path, nargs="+", default=[], metavar="IMAGE",
         help="noisy pictures; default: built-in synthetic ones")
-    content = parser.add_mutually_exclusive_group()
-    for name, text in (("hdr", "linear radiance (default)"), ("ldr", "linear color in [0,1]"),
-                       ("srgb", "color in [0,1], encoded"), ("lightmap-hdr", "lightmaps"),
-                       ("lightmap-dir", "directional lightmaps, in [-1,1]")):
-        content.add_argument(f"--{name}", dest="content", action="store_const", const=name,
-                             help=f"what the model denoises: {text}")
-    content.add_argument("--albedo", dest="main", action="store_const", const="albedo",
-                         help="what the model denoises: albedo alone")
-    content.add_argument("--normal", dest="main", action="store_const", const="normal",
-                         help="what the model denoises: normals alone")
+    add_kind(parser)
     add("--ranges", choices=RANGES, default=Options.ranges,
         help="ranges of activations: everything seen, a percentile, or least squared error")
     add("--percentile", type=float, default=Options.percentile, metavar="P")
@@ -83,7 +81,6 @@ def arguments() -> argparse.ArgumentParser:
         help="print the error by layer and by picture (calibration pictures, or --test)")
     add("--test", nargs="+", default=[], metavar="IMAGE[=REFERENCE]",
         help="pictures for the report, with clean ones to tell what quantisation costs")
-    parser.set_defaults(content="hdr", main="color")
     return parser
 
 

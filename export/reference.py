@@ -12,6 +12,7 @@ import numpy as np
 
 from export.convolve import by_bands, taps_3x3, taps_phases
 from export.graph import ALIGN, Layer, ModelError, Net, find_net
+from export.pixels import Frame
 from export.tza import Reader, TzaError
 
 NARROW_MAX, WIDE_MAX = 255, 32767
@@ -255,6 +256,12 @@ def float_model(tensors: Mapping[str, np.ndarray], file: str) -> FloatModel:
         channels[layer.name] = len(bias)
     return FloatModel(net, {n: tensors[n] for x in net.layers
                             for n in (f"{x.name}.weight", f"{x.name}.bias")})
+
+
+def denoise(model: FloatModel | IntModel, frame: Frame, channels: int = 3) -> np.ndarray:
+    """The whole way from a frame's images to the output image [H,W,channels]."""
+    x = frame.network_input()
+    return frame.finished(model.run(padded(x))[:x.shape[0], :x.shape[1]], channels)
 
 
 def load_model(path: Path | str) -> FloatModel | IntModel:
