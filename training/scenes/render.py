@@ -20,9 +20,13 @@ from training.errors import DATA, OUTPUT, STATE, USAGE, ToolError
 from training.imageio import replacing
 
 from . import backend
+from .files import tonemap
 from .options import bit_pair, count_list, seed_list, shard, size_pair
 
 ATTEMPTS = 8
+PILOT = 4          # samples of each of two pilot renders
+CLEAN = 0.035      # noise that a target may have before it gets more samples
+HOPELESS = 0.40    # noise of a pilot render beyond which another scene is made of the seed
 
 
 def parser() -> argparse.ArgumentParser:
@@ -35,7 +39,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--pick", type=int, default=0, metavar="N",
                    help="render N of the counts, drawn per seed, few samples more often (0 = all)")
     p.add_argument("--ref", default="1024", help="samples of the target; of several counts "
-                   "(128,512) each seed gets one, the fewer the likelier")
+                   "(128,512) each scene gets the least that leaves little noise")
     p.add_argument("--shard", default="0/1", metavar="i/n",
                    help="the i-th of n shares of the seeds, i from 0")
     p.add_argument("--variant", default="llvm_ad_rgb", choices=backend.VARIANTS)
@@ -70,11 +74,23 @@ def judge(image: np.ndarray) -> str:
     return "flat" if spread < 0.1 or shapes < 0.1 else ""
 
 
+def pilot_noise(a: np.ndarray, b: np.ndarray) -> float:
+    """Standard deviation of the noise of tone-mapped radiance, from two renders (h, w, 9)."""
+    white = max(float(np.percentile((a + b)[..., :3].max(-1) / 2, 95)), 1e-9)
+    d = tonemap(a[..., :3], white) - tonemap(b[..., :3], white)
+    return float(np.sqrt(np.mean(d * d) / 2))
+
+
+def noise_at(pilot: float, spp: int) -> float:
+    """Noise to expect at a count; tone mapping and fireflies make it fall slower than 1/sqrt."""
+    return pilot * (PILOT / spp) ** 0.4
+
+
 def render_seed(mi, seed: int, args: argparse.Namespace, assets) -> dict:
     """Renders one scene into OUT; returns its manifest. Raises ToolError when nothing usable."""
     from . import features, picture, scene
     counts = count_list(args.spp, "--spp")
-    targets = np.array(count_list(args.ref, "--ref", USAGE), float)
+    targets = count_list(args.ref, "--ref", 2)
     width, height = size_pair(args.size)
     name, start, why = f"s{seed:05d}", time.process_time(), []
     for attempt in range(ATTEMPTS):
@@ -86,21 +102,24 @@ def render_seed(mi, seed: int, args: argparse.Namespace, assets) -> dict:
         st = built.settings
         integrator = features.make(st.features, st.max_depth, st.fog > 0)
         shot = picture.shot(mi, built.camera, width, height, st.rfilter, st.sampler)
-        pilot, _ = picture.clean(picture.render(mi, built.scene, integrator, shot, 8, seed))
-        fault = judge(pilot)
+        one, two = (picture.clean(picture.render(mi, built.scene, integrator, shot, PILOT,
+                                                 seed * 1000 + k))[0] for k in (998, 999))
+        pilot = (one + two) / 2
+        noise = pilot_noise(one, two)
+        fault = judge(pilot) or ("too noisy" if noise > HOPELESS else "")
         if fault:
             why.append(fault)
             continue
         light = pilot[..., :3].mean(-1)
         gain = float(np.exp(st.log_exposure) / light.clip(0, np.percentile(light, 97)).mean())
         rng = np.random.default_rng([seed, 99])
-        target = int(rng.choice(targets, p=targets ** -2.0 / (targets ** -2.0).sum()))
+        target = next((n for n in targets if noise_at(noise, n) < CLEAN), targets[-1])
         noisy = draw_counts(rng, counts, args.pick, target)
         figures = picture.write_group(mi, args.out, name, built.scene, integrator, shot, noisy,
                                       target, seed, gain, bit_pair(args.bits))
         manifest = {**st.manifest(), "size": [width, height], "noisy": noisy, "target": target,
-                    "gain": gain, "rejected": why, "variant": args.variant,
-                    "mitsuba": mi.__version__, **figures,
+                    "gain": gain, "noise": round(noise_at(noise, target), 4), "rejected": why,
+                    "variant": args.variant, "mitsuba": mi.__version__, **figures,
                     "cpu_seconds": round(time.process_time() - start, 2)}
         picture.publish(args.out, name, manifest)
         return manifest
@@ -128,7 +147,7 @@ def run(args: argparse.Namespace) -> None:
     """Renders the seeds of this shard."""
     seeds = shard(seed_list(args.seeds), args.shard)
     bit_pair(args.bits)
-    if count_list(args.spp, "--spp")[0] >= count_list(args.ref, "--ref", USAGE)[0]:
+    if count_list(args.spp, "--spp")[0] >= count_list(args.ref, "--ref", 2)[0]:
         raise ToolError("--ref: the target needs more samples than the least of --spp", USAGE)
     size_pair(args.size)
     if args.pick < 0 or args.threads < 0:
