@@ -37,8 +37,8 @@ LULL_INLINE size_t lull_append(size_t *total, size_t bytes)
 LULL_INLINE unsigned lull_min_u(unsigned a, unsigned b) { return a < b ? a : b; }
 LULL_INLINE unsigned lull_max_u(unsigned a, unsigned b) { return a > b ? a : b; }
 
-/* Which ports this build contains (0 or 1 each; the build may define them, else all that the target can
- * have and that exist). The scalar port is always there. */
+/* Which ports this build contains (0 or 1 each; the build may define them, else all that the target
+ * can have and that exist). The scalar port is always there. */
 #if defined(__x86_64__) || defined(__i386__)
 #define LULL_ARCH_X86 1
 #else

@@ -1,5 +1,6 @@
-/* The filter of family K, one row segment at a time (docs/kernel-prediction.md). Rows hold interleaved
- * pixels; `codes` are those of the level's head. Fp32 in a fixed order: bit-equal on every CPU. */
+/* The filter of family K, one row segment at a time (docs/kernel-prediction.md). Rows hold
+ * interleaved pixels; `codes` are those of the level's head. Fp32 in a fixed order: bit-equal on
+ * every CPU. */
 #ifndef LULL_FILTER_H
 #define LULL_FILTER_H
 
@@ -14,8 +15,8 @@
 /* Channels of a head after the 25 logits of the radiance kernel. */
 enum { LULL_HEAD_CONFIDENCE = 25, LULL_HEAD_BLEND = 26, LULL_HEAD_ALBEDO = 27 };
 
-/* n pixels (r,g,b) to network codes, 12 a pixel: exposed radiance >= 0, albedo in [0,1] or NULL, normals
- * in [-1,1] or NULL. */
+/* n pixels (r,g,b) to network codes, 12 a pixel: exposed radiance >= 0, albedo in [0,1] or NULL,
+ * normals in [-1,1] or NULL. */
 void lull_filter_encode(uint8_t *codes, const float *radiance, const float *albedo,
                         const float *normal, int is_clipped, unsigned n);
 
@@ -23,7 +24,8 @@ void lull_filter_encode(uint8_t *codes, const float *radiance, const float *albe
 void lull_filter_smooth(float *out, const lull_model *model, const float *const *rows,
                         const uint8_t *codes, size_t code_step, unsigned n);
 
-/* out (C, C r, C g, C b) of radiance / smooth; `inside` pixels are in the image, the rest is zero. */
+/* out (C, C r, C g, C b) of radiance / smooth; `inside` pixels are in the image, the rest is zero.
+ */
 void lull_filter_demodulate(float *out, const lull_model *model, const float *radiance,
                             const float *smooth, const uint8_t *codes, size_t code_step, unsigned n,
                             unsigned inside);

@@ -134,7 +134,8 @@ void lull_graph_tensors(lull_layer_tensors *tensors, const lull_layer *layer, co
     lull_tza_find(tza, name, ".shift", &tensors->shift);
 }
 
-static int has_shape(const lull_tza_tensor *tensor, char dtype, uint32_t o, uint32_t i, uint32_t side)
+static int has_shape(const lull_tza_tensor *tensor, char dtype, uint32_t o, uint32_t i,
+                     uint32_t side)
 {
     return tensor->dtype == dtype && tensor->dims[0] == o &&
            (side == 0 ? tensor->rank == 1
@@ -261,12 +262,12 @@ static lull_status add_filters(lull_graph *graph)
         return LULL_ERROR_NETWORK;
     v = add_filter(graph, LULL_OP_SMOOTH, 0, 3,
                    (unsigned[]){LULL_TENSOR_ALBEDO, head[0], LULL_TENSOR_NONE}, smooth);
-    v = add_filter(graph, LULL_OP_DEMODULATE, 0, 4,
-                   (unsigned[]){LULL_TENSOR_RADIANCE, v, head[0]}, rows3);
+    v = add_filter(graph, LULL_OP_DEMODULATE, 0, 4, (unsigned[]){LULL_TENSOR_RADIANCE, v, head[0]},
+                   rows3);
     for (unsigned s = 0; s < K_LEVELS; s++) {
         if (s > 0)
-            v = add_filter(graph, LULL_OP_POOL, s, 4,
-                           (unsigned[]){v, head[s], LULL_TENSOR_NONE}, pool);
+            v = add_filter(graph, LULL_OP_POOL, s, 4, (unsigned[]){v, head[s], LULL_TENSOR_NONE},
+                           pool);
         filtered[s] = add_filter(graph, LULL_OP_FILTER, s, 4,
                                  (unsigned[]){v, head[s], LULL_TENSOR_NONE}, smooth);
     }
@@ -277,8 +278,8 @@ static lull_status add_filters(lull_graph *graph)
     return result == LULL_TENSOR_NONE ? LULL_ERROR_NETWORK : LULL_OK;
 }
 
-/* How far the output looks, rounded up to the alignment. A kernel of radius r at level l adds r * 2^l
- * pixels a side; pooling and upsampling move its grid by up to 2^l - 1. */
+/* How far the output looks, rounded up to the alignment. A kernel of radius r at level l adds r *
+ * 2^l pixels a side; pooling and upsampling move its grid by up to 2^l - 1. */
 static unsigned reach(const lull_graph *graph)
 {
     static const uint8_t radius[] = {0, 1, 2, 1, 0};
@@ -317,8 +318,8 @@ lull_status lull_graph_build(lull_graph *graph, const lull_tza *tza)
     if (status != LULL_OK)
         return status;
     graph->overlap = reach(graph);
-    if (graph->family == LULL_FAMILY_U && (graph->layer[graph->layers - 1].outputs < 3 ||
-                                           graph->inputs > 9 || graph->inputs % 3))
+    if (graph->family == LULL_FAMILY_U &&
+        (graph->layer[graph->layers - 1].outputs < 3 || graph->inputs > 9 || graph->inputs % 3))
         return LULL_ERROR_NETWORK;
     return LULL_OK;
 }

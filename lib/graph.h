@@ -8,8 +8,9 @@
 #define LULL_MAX_LAYERS 34
 #define LULL_MAX_CHANNELS 1024 /* of any one tensor; bounds scratch memory and sums */
 
-/* Tensors are numbered: 0 is the input of the network, 1 + i the output of layer i. Family K also keeps
- * the unencoded radiance (r,g,b) and albedo (1,r,g,b; zeros outside the image) of the frame. */
+/* Tensors are numbered: 0 is the input of the network, 1 + i the output of layer i. Family K also
+ * keeps the unencoded radiance (r,g,b) and albedo (1,r,g,b; zeros outside the image) of the frame.
+ */
 #define LULL_TENSOR_INPUT 0
 #define LULL_TENSOR_RADIANCE (LULL_MAX_LAYERS + 1)
 #define LULL_TENSOR_ALBEDO (LULL_MAX_LAYERS + 2)
@@ -22,13 +23,14 @@ size_t lull_dtype_bytes(lull_dtype dtype);
 
 typedef enum lull_family { LULL_FAMILY_U, LULL_FAMILY_K } lull_family;
 
-/* What a layer does. Convolutions have weights; the others are the filter of family K, in the order of
- * docs/kernel-prediction.md, and make fp32 tensors. */
+/* What a layer does. Convolutions have weights; the others are the filter of family K, in the order
+ * of docs/kernel-prediction.md, and make fp32 tensors. */
 typedef enum lull_op {
     LULL_OP_CONV,       /* 3x3 */
     LULL_OP_HEAD,       /* 1x1 */
     LULL_OP_SMOOTH,     /* albedo, head: filtered albedo + epsilon */
-    LULL_OP_DEMODULATE, /* radiance, smooth, head: (confidence, confidence * demodulated radiance) */
+    LULL_OP_DEMODULATE, /* radiance, smooth, head: (confidence, confidence * demodulated radiance)
+                         */
     LULL_OP_POOL,       /* the same of the next level, head of that level */
     LULL_OP_FILTER,     /* it, head: filtered radiance and blend weight (r,g,b,beta) */
     LULL_OP_BLEND       /* it, coarser result: result (r,g,b) */
@@ -66,8 +68,8 @@ typedef struct lull_graph {
     lull_layer layer[LULL_MAX_LAYERS];
 } lull_graph;
 
-/* The tensors of one layer in a weights file; rank 0 where there is none. In floating-point files the
- * skip's taps are the last input channels of `weight`. */
+/* The tensors of one layer in a weights file; rank 0 where there is none. In floating-point files
+ * the skip's taps are the last input channels of `weight`. */
 typedef struct lull_layer_tensors {
     lull_tza_tensor weight, skip, bias, scale, shift;
 } lull_layer_tensors;

@@ -3,9 +3,9 @@
  * The core allocates nothing, starts no threads, reads no files, prints nothing and keeps no global
  * state. The caller gives it memory of a size asked for beforehand. Three steps:
  *
- *     model   a weights file (TZA) unpacked and packed for the CPU; read-only afterwards, shared freely
- *     plan    the schedule and working memory for one frame size and one model; one run at a time
- *     run     denoise a frame, or stream it by rows
+ *     model   a weights file (TZA) unpacked and packed for the CPU; read-only afterwards, shared
+ * freely plan    the schedule and working memory for one frame size and one model; one run at a
+ * time run     denoise a frame, or stream it by rows
  *
  *     size_t n = lull_model_size(tza, tza_bytes, LULL_PORTS_ALL);
  *     lull_model *model;
@@ -17,9 +17,9 @@
  *     status = lull_run(plan, &images, NULL);
  *
  * All memory given to the library must be aligned to LULL_ALIGN bytes and stays the caller's: it is
- * released by freeing it, there is no destroy. Every function may be called from any thread; one plan
- * must not be used by two calls at the same time. Output bytes do not depend on the number of threads,
- * on strips or on the row step; for integer networks they do not depend on the CPU either.
+ * released by freeing it, there is no destroy. Every function may be called from any thread; one
+ * plan must not be used by two calls at the same time. Output bytes do not depend on the number of
+ * threads, on strips or on the row step; for integer networks they do not depend on the CPU either.
  */
 #ifndef LULL_H
 #define LULL_H
@@ -41,7 +41,8 @@ extern "C" {
 /* Largest width and height of a frame in pixels. */
 #define LULL_MAX_SIZE 65536u
 
-/* ---- Errors ------------------------------------------------------------------------------------- */
+/* ---- Errors -------------------------------------------------------------------------------------
+ */
 
 typedef enum lull_status {
     LULL_OK = 0,
@@ -60,9 +61,11 @@ typedef enum lull_status {
 /* Static English text of a status, never NULL, for any value. */
 const char *lull_status_text(lull_status status);
 
-/* ---- Ports -------------------------------------------------------------------------------------- */
+/* ---- Ports --------------------------------------------------------------------------------------
+ */
 
-/* Sets of ports (implementations for instruction sets) are bit masks, one bit per row of ports.def. */
+/* Sets of ports (implementations for instruction sets) are bit masks, one bit per row of ports.def.
+ */
 #define LULL_PORTS_SCALAR 1u
 #define LULL_PORTS_ALL 0xffffffffu
 
@@ -76,17 +79,18 @@ const char *lull_port_name(unsigned index);
  * strength; 0 if there is none of that name. `name` need not be NUL-terminated. */
 uint32_t lull_ports_up_to(const char *name, size_t length);
 
-/* ---- Models ------------------------------------------------------------------------------------- */
+/* ---- Models -------------------------------------------------------------------------------------
+ */
 
 typedef struct lull_model lull_model; /* lives at the start of the caller's memory */
 
 typedef struct lull_model_info {
-    const char *network;     /* topology, a NET name of nets.def; static */
-    unsigned inputs;         /* input channels of the network: 3 per image feature */
-    unsigned is_integer;     /* 1: int8 weights, integer arithmetic; 0: fp16 weights, fp32 arithmetic */
-    unsigned alignment;      /* frame sizes are padded to multiples of this inside (16) */
-    unsigned overlap;        /* pixels of context beside a strip that make it exact (96 or 112) */
-    uint64_t parameters;     /* weights and biases */
+    const char *network; /* topology, a NET name of nets.def; static */
+    unsigned inputs;     /* input channels of the network: 3 per image feature */
+    unsigned is_integer; /* 1: int8 weights, integer arithmetic; 0: fp16 weights, fp32 arithmetic */
+    unsigned alignment;  /* frame sizes are padded to multiples of this inside (16) */
+    unsigned overlap;    /* pixels of context beside a strip that make it exact (96 or 112) */
+    uint64_t parameters; /* weights and biases */
     uint64_t macs_per_pixel; /* multiply-adds per pixel of the network as written, unfolded */
 } lull_model_info;
 
@@ -94,17 +98,19 @@ typedef struct lull_model_info {
  * lull_model_init says why). `ports`: ports that may be used; the packing depends on them. */
 size_t lull_model_size(const void *tza, size_t tza_bytes, uint32_t ports);
 
-/* Checks the weights, and packs them into `memory` for the strongest allowed port. `tza` is not needed
- * afterwards. On success *model points into `memory`.
- * Errors: ARGUMENT, MEMORY, WEIGHTS, VERSION, NETWORK. */
+/* Checks the weights, and packs them into `memory` for the strongest allowed port. `tza` is not
+ * needed afterwards. On success *model points into `memory`. Errors: ARGUMENT, MEMORY, WEIGHTS,
+ * VERSION, NETWORK. */
 lull_status lull_model_init(lull_model **model, void *memory, size_t memory_bytes, const void *tza,
                             size_t tza_bytes, uint32_t ports);
 
 void lull_model_get_info(const lull_model *model, lull_model_info *info);
 
-/* ---- Frames and plans --------------------------------------------------------------------------- */
+/* ---- Frames and plans ---------------------------------------------------------------------------
+ */
 
-/* What the main image holds. It fixes transfer function and clamping (docs/design.md, section 1). */
+/* What the main image holds. It fixes transfer function and clamping (docs/design.md, section 1).
+ */
 typedef enum lull_content {
     LULL_HDR,          /* linear radiance, [0, inf) */
     LULL_LDR,          /* linear, [0, 1] */
@@ -123,26 +129,28 @@ typedef enum lull_content {
 typedef struct lull_frame {
     unsigned width, height; /* pixels; 0 is legal and makes an empty frame */
     lull_content content;
-    unsigned features;      /* LULL_HAS_* */
-    unsigned threads;       /* workers that run() may use at once; 0 is 1 */
-    unsigned in_place;      /* 1: the output may overlap an input image */
-    size_t max_bytes;       /* plan memory to keep within; 0: no limit */
-    unsigned row_step;      /* rows computed together; 0: chosen. Larger is faster and needs more memory */
-    unsigned strip_width;   /* columns computed together; 0: chosen (all if max_bytes permits) */
+    unsigned features; /* LULL_HAS_* */
+    unsigned threads;  /* workers that run() may use at once; 0 is 1 */
+    unsigned in_place; /* 1: the output may overlap an input image */
+    size_t max_bytes;  /* plan memory to keep within; 0: no limit */
+    unsigned row_step; /* rows computed together; 0: chosen. Larger is faster and needs more memory
+                        */
+    unsigned strip_width; /* columns computed together; 0: chosen (all if max_bytes permits) */
 } lull_frame;
 
 /* A frame with everything else zero. */
 lull_frame lull_frame_default(unsigned width, unsigned height, lull_content content,
                               unsigned features);
 
-typedef struct lull_plan lull_plan; /* lives at the start of the caller's memory; holds offsets only, so
-                                     * it may be moved or copied between runs (to LULL_ALIGN alignment) */
+typedef struct lull_plan lull_plan; /* lives at the start of the caller's memory; holds offsets
+                                     * only, so it may be moved or copied between runs (to
+                                     * LULL_ALIGN alignment) */
 
 typedef struct lull_plan_info {
-    size_t bytes;          /* all memory of the plan, the only memory that run() writes besides images */
-    size_t minimum_bytes;  /* the least that max_bytes could have been */
+    size_t bytes; /* all memory of the plan, the only memory that run() writes besides images */
+    size_t minimum_bytes; /* the least that max_bytes could have been */
     unsigned row_step, strip_width, strips;
-    unsigned delay_rows;   /* output row y is stored after input row min(y + delay_rows, height-1) */
+    unsigned delay_rows; /* output row y is stored after input row min(y + delay_rows, height-1) */
 } lull_plan_info;
 
 /* Bytes that lull_plan_init needs, or 0 on error (then lull_plan_init says which). */
@@ -152,22 +160,23 @@ size_t lull_plan_size(const lull_frame *frame, const lull_model *model);
 size_t lull_plan_minimum(const lull_frame *frame, const lull_model *model);
 
 /* Makes a plan in `memory`. `model` must outlive it.
- * Errors: ARGUMENT; MEMORY (also if max_bytes is below the minimum); FEATURES if the model's inputs are
- * not 3 per feature of the frame. */
+ * Errors: ARGUMENT; MEMORY (also if max_bytes is below the minimum); FEATURES if the model's inputs
+ * are not 3 per feature of the frame. */
 lull_status lull_plan_init(lull_plan **plan, void *memory, size_t memory_bytes,
                            const lull_frame *frame, const lull_model *model);
 
 void lull_plan_get_info(const lull_plan *plan, lull_plan_info *info);
 
-/* ---- Running ------------------------------------------------------------------------------------ */
+/* ---- Running ------------------------------------------------------------------------------------
+ */
 
 typedef enum lull_type { LULL_F32 = 0, LULL_F16 = 1 } lull_type;
 
-/* A view of the caller's pixels. Strides are in bytes and need not be multiples of the element size;
- * rows must not overlap. Bytes between pixels and rows are never written. One channel stands for grey
- * (x,x,x), two for (x,y,y). */
+/* A view of the caller's pixels. Strides are in bytes and need not be multiples of the element
+ * size; rows must not overlap. Bytes between pixels and rows are never written. One channel stands
+ * for grey (x,x,x), two for (x,y,y). */
 typedef struct lull_image {
-    void *data;          /* first pixel, or NULL: no such image */
+    void *data; /* first pixel, or NULL: no such image */
     lull_type type;
     unsigned channels;   /* 1 to 3 */
     size_t pixel_stride; /* 0: tight */
@@ -177,35 +186,37 @@ typedef struct lull_image {
 typedef struct lull_images {
     lull_image color, albedo, normal; /* inputs, linear (but see LULL_SRGB); normals in [-1,1] */
     lull_image output;                /* as many channels as the main image */
-    float input_scale; /* factor that brings the main image to the range the network knows; NaN: auto-
-                        * exposure for LULL_HDR, else 1. The output is divided by it again. */
+    float input_scale; /* factor that brings the main image to the range the network knows; NaN:
+                        * auto- exposure for LULL_HDR, else 1. The output is divided by it again. */
 } lull_images;
 
 /* What the host lends to a run; every member may be NULL. */
 typedef struct lull_host {
     void *user;
-    /* Must call body(context, index, worker) exactly once for each index in [0, count), in any order and
-     * from any thread, with worker < threads of the frame and no two calls at a time with the same
-     * worker, and return when all are done. NULL: the calling thread does it. */
+    /* Must call body(context, index, worker) exactly once for each index in [0, count), in any
+     * order and from any thread, with worker < threads of the frame and no two calls at a time with
+     * the same worker, and return when all are done. NULL: the calling thread does it. */
     void (*parallel_for)(void *user, unsigned count,
-                         void (*body)(void *context, unsigned index, unsigned worker), void *context);
-    /* Told the fraction done, in [0, 1], never decreasing, at least once every row step, by the thread
-     * that called run. Returns 0 to cancel. */
+                         void (*body)(void *context, unsigned index, unsigned worker),
+                         void *context);
+    /* Told the fraction done, in [0, 1], never decreasing, at least once every row step, by the
+     * thread that called run. Returns 0 to cancel. */
     int (*progress)(void *user, double fraction);
 } lull_host;
 
 /* The scale that lull_run uses for a NaN input_scale: 0.18 over the geometric mean luminance of the
- * image's 16x16 bins (Open Image Denoise's auto-exposure); 1 for a black image, 0 if it overflows. */
+ * image's 16x16 bins (Open Image Denoise's auto-exposure); 1 for a black image, 0 if it overflows.
+ */
 float lull_autoexposure(const lull_image *color, unsigned width, unsigned height);
 
 /* Denoises a frame. Sanitises NaN, infinities and out-of-range values as the content demands.
  * Errors: ARGUMENT, IMAGE, CANCELLED (the output is then undefined, but only inside its pixels). */
 lull_status lull_run(lull_plan *plan, const lull_images *images, const lull_host *host);
 
-/* Streaming. lull_rows_begin resets the plan (which must have one strip) and sets the scale (NaN: 1).
- * Each lull_rows call then takes the next `rows` rows of the inputs, at the start of the images given,
- * and stores at the start of images->output the output rows that became ready: *ready of them, at most
- * rows + delay_rows. The last input row releases all the remaining output rows. */
+/* Streaming. lull_rows_begin resets the plan (which must have one strip) and sets the scale (NaN:
+ * 1). Each lull_rows call then takes the next `rows` rows of the inputs, at the start of the images
+ * given, and stores at the start of images->output the output rows that became ready: *ready of
+ * them, at most rows + delay_rows. The last input row releases all the remaining output rows. */
 lull_status lull_rows_begin(lull_plan *plan, float input_scale);
 lull_status lull_rows(lull_plan *plan, const lull_images *images, unsigned rows, unsigned *ready,
                       const lull_host *host);

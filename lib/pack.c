@@ -2,8 +2,8 @@
 
 #include "transfer.h"
 
-/* Kernel taps that fall together when a 3x3 kernel is applied to a source upsampled by 2: for output
- * phase p and row (or column) a of the 2x2 kernel on the small source, taps first..last. */
+/* Kernel taps that fall together when a 3x3 kernel is applied to a source upsampled by 2: for
+ * output phase p and row (or column) a of the 2x2 kernel on the small source, taps first..last. */
 static const struct {
     uint8_t first, last;
 } folded[2][2] = {{{0, 0}, {1, 2}}, {{0, 1}, {2, 2}}};
@@ -65,16 +65,14 @@ static float tap(const block *b, unsigned o, unsigned k)
     if (!b->fold)
         return lull_tza_float(b->weight, (at + b->row) * side + column);
     for (unsigned y = folded[b->phase_y][b->row].first; y <= folded[b->phase_y][b->row].last; y++)
-        for (unsigned x = folded[b->phase_x][column].first; x <= folded[b->phase_x][column].last; x++)
+        for (unsigned x = folded[b->phase_x][column].first; x <= folded[b->phase_x][column].last;
+             x++)
             sum += lull_tza_float(b->weight, (at + y) * side + x);
     return sum;
 }
 
 /* Elements that a kernel multiplies at once: one float, or a dword of integers. */
-static unsigned group(lull_dtype dtype)
-{
-    return (unsigned)(4 / lull_dtype_bytes(dtype));
-}
+static unsigned group(lull_dtype dtype) { return (unsigned)(4 / lull_dtype_bytes(dtype)); }
 
 unsigned lull_pack_length(lull_dtype dtype, unsigned elements)
 {
@@ -83,9 +81,10 @@ unsigned lull_pack_length(lull_dtype dtype, unsigned elements)
 
 static void put(uint8_t *out, lull_dtype dtype, float value)
 {
-    int8_t narrow = (int8_t)value;
-    int16_t wide = (int16_t)value;
-    if (dtype == LULL_DTYPE_F32)
+    int is_float = dtype == LULL_DTYPE_F32; /* then the value may be outside the integers */
+    int8_t narrow = is_float ? 0 : (int8_t)value;
+    int16_t wide = is_float ? 0 : (int16_t)value;
+    if (is_float)
         memcpy(out, &value, sizeof value);
     else if (dtype == LULL_DTYPE_U8)
         memcpy(out, &narrow, sizeof narrow);
@@ -93,7 +92,8 @@ static void put(uint8_t *out, lull_dtype dtype, float value)
         memcpy(out, &wide, sizeof wide);
 }
 
-/* [output / lanes][length][output % lanes][group]; the same number of bytes for each dtype's group. */
+/* [output / lanes][length][output % lanes][group]; the same number of bytes for each dtype's group.
+ */
 static void write_block(uint8_t *out, const block *b, unsigned lanes)
 {
     unsigned elements = b->columns * b->inputs, together = group(b->dtype);
@@ -106,7 +106,8 @@ static void write_block(uint8_t *out, const block *b, unsigned lanes)
                     put(out, b->dtype, o < b->outputs && i < elements ? tap(b, o, i) : 0.0f);
 }
 
-/* ---- Checks of integer models (docs/arithmetic.md) -------------------------------------------------- */
+/* ---- Checks of integer models (docs/arithmetic.md)
+ * -------------------------------------------------- */
 
 /* Sum of |taps| of output o over one block; -1 if the taps break a rule. */
 static int64_t tap_sum(const block *b, unsigned o)
@@ -129,8 +130,8 @@ static int64_t tap_sum(const block *b, unsigned o)
 }
 
 /* 1 if no sum of output o in phase `phase` can leave int32. */
-static int sums_fit(const lull_graph *graph, unsigned l, const lull_layer_tensors *tensors, unsigned o,
-                    unsigned phase, unsigned shift)
+static int sums_fit(const lull_graph *graph, unsigned l, const lull_layer_tensors *tensors,
+                    unsigned o, unsigned phase, unsigned shift)
 {
     const lull_layer *layer = &graph->layer[l];
     int64_t wide = 0, narrow = 0, bias = (int64_t)lull_tza_int(&tensors->bias, o);
@@ -180,9 +181,8 @@ static lull_status read_scales(lull_model *model, const lull_tza *tza)
     if (!model->graph.is_integer || model->graph.family == LULL_FAMILY_K)
         return LULL_OK;
     if (!lull_tza_find(tza, "input", ".scale", &input) || input.rank != 1 || input.dtype != 'f' ||
-        input.dims[0] != model->graph.inputs ||
-        !lull_tza_find(tza, "output", ".scale", &output) || output.rank != 1 ||
-        output.dtype != 'f' || output.dims[0] != 1)
+        input.dims[0] != model->graph.inputs || !lull_tza_find(tza, "output", ".scale", &output) ||
+        output.rank != 1 || output.dtype != 'f' || output.dims[0] != 1)
         return LULL_ERROR_NETWORK;
     for (unsigned i = 0; i < model->graph.inputs; i++) {
         model->input_scale[i] = lull_tza_float(&input, i);
@@ -204,14 +204,16 @@ static void fill_tables(lull_model *model)
     }
 }
 
-/* ---- Models ----------------------------------------------------------------------------------------- */
+/* ---- Models
+ * ----------------------------------------------------------------------------------------- */
 
 static unsigned lanes_of(const lull_graph *graph, const lull_kernels *kernels)
 {
     return graph->is_integer ? kernels->block_int : kernels->block_f32;
 }
 
-/* Lays out the blocks, bias and multipliers of layer l after `total` bytes; returns the new total. */
+/* Lays out the blocks, bias and multipliers of layer l after `total` bytes; returns the new total.
+ */
 static size_t layout(lull_packed_layer *packed, const lull_graph *graph, unsigned l, unsigned lanes,
                      size_t total)
 {
@@ -224,8 +226,8 @@ static size_t layout(lull_packed_layer *packed, const lull_graph *graph, unsigne
         return total;
     for (unsigned i = 0; i < LULL_PACK_BLOCKS; i++)
         if (describe(&b, graph, l, i, &none))
-            packed->weights[i] = lull_append(
-                &total, outputs * 4 * lull_pack_length(b.dtype, b.columns * b.inputs));
+            packed->weights[i] =
+                lull_append(&total, outputs * 4 * lull_pack_length(b.dtype, b.columns * b.inputs));
     packed->bias = lull_append(&total, outputs * 4);
     if (graph->is_integer)
         packed->multiplier = lull_append(&total, outputs * 4);
@@ -311,8 +313,8 @@ lull_status lull_model_init(lull_model **model, void *memory, size_t memory_byte
     if (status == LULL_OK && memory_bytes < made->bytes)
         status = LULL_ERROR_MEMORY;
     for (unsigned l = 0; status == LULL_OK && l < made->graph.layers; l++) {
-        total = layout(&made->layer[l], &made->graph, l, lanes_of(&made->graph, &made->kernels),
-                       total);
+        total =
+            layout(&made->layer[l], &made->graph, l, lanes_of(&made->graph, &made->kernels), total);
         if (made->graph.is_integer)
             status = check_integer(&made->graph, l, &tza);
         if (status == LULL_OK)

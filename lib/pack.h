@@ -6,8 +6,8 @@
 #include "kernels.h"
 
 /* Weight blocks of one layer, by what they are multiplied with. Plain layers: the three rows of the
- * source. Upsampled sources, folded: two rows of the small source for each of the four output phases
- * (phase 2 * (y & 1) + (x & 1)). */
+ * source. Upsampled sources, folded: two rows of the small source for each of the four output
+ * phases (phase 2 * (y & 1) + (x & 1)). */
 enum { LULL_PACK_SOURCE = 0, LULL_PACK_PHASES = 8, LULL_PACK_SKIP = 8, LULL_PACK_BLOCKS = 11 };
 
 typedef struct lull_packed_layer {
@@ -19,7 +19,7 @@ typedef struct lull_packed_layer {
 struct lull_model {
     lull_graph graph;
     lull_kernels kernels;
-    size_t bytes; /* of the whole model */
+    size_t bytes;         /* of the whole model */
     float input_scale[9]; /* codes per network value; integer models only, like output_scale */
     float output_scale;   /* network value of one code */
     float weight_table[256], blend_table[256]; /* family K: of codes; docs/kernel-prediction.md */

@@ -2,19 +2,20 @@
 
 #include "exposure.h"
 
-/* Columns per side of a task's working set are chosen so that its source and output rows stay within
- * this many bytes (half of a small L2 cache). */
+/* Columns per side of a task's working set are chosen so that its source and output rows stay
+ * within this many bytes (half of a small L2 cache). */
 #define TASK_BYTES (192u << 10)
 #define CHUNK_STEP 24u /* columns of a task are multiples of this: even, and whole kernel tiles */
-#define BORDER 2u     /* pixels of zeros beside a row; on the left aligned, see lull_ring_left */
-#define ROW_SLACK 16u /* readable bytes after a row's right border */
+#define BORDER 2u      /* pixels of zeros beside a row; on the left aligned, see lull_ring_left */
+#define ROW_SLACK 16u  /* readable bytes after a row's right border */
 
-/* Row steps, fastest first. A step of 1 would need more memory again: coarse layers then run ahead. */
+/* Row steps, fastest first. A step of 1 would need more memory again: coarse layers then run ahead.
+ */
 static const unsigned steps[] = {16, 8, 4, 2};
 #define STEP_COUNT (sizeof steps / sizeof steps[0])
 
-/* Rows of a layer (before pooling) that `rows` of a source's `height` rows allow; `all` is the number of
- * rows of the layer. */
+/* Rows of a layer (before pooling) that `rows` of a source's `height` rows allow; `all` is the
+ * number of rows of the layer. */
 static unsigned rows_ready(lull_reads reads, unsigned rows, unsigned height, unsigned all)
 {
     static const uint8_t below[] = {0, 1, 2}; /* rows after y that are read */
@@ -52,10 +53,9 @@ unsigned lull_plan_turn(const lull_plan *plan, unsigned l)
     unsigned all = plan->height >> layer->level, ready = all;
     unsigned turn = lull_max_u(plan->row_step >> (layer->level + layer->pool), 1);
     for (unsigned s = 0; s < LULL_MAX_SOURCES && layer->source[s] != LULL_TENSOR_NONE; s++)
-        ready = lull_min_u(ready, rows_ready((lull_reads)layer->reads[s],
-                                             plan->done[layer->source[s]],
-                                             plan->height >> lull_graph_level(graph, layer->source[s]),
-                                             all));
+        ready = lull_min_u(
+            ready, rows_ready((lull_reads)layer->reads[s], plan->done[layer->source[s]],
+                              plan->height >> lull_graph_level(graph, layer->source[s]), all));
     return lull_min_u(ready >> layer->pool, plan->done[l + 1] + turn);
 }
 
@@ -124,8 +124,8 @@ unsigned lull_plan_chunk(const lull_plan *plan, unsigned l)
     size_t inputs = lull_layer_inputs(graph, layer, 0) + lull_layer_inputs(graph, layer, 1);
     unsigned width = plan->row_width >> layer->level;
     unsigned rows = lull_max_u(plan->row_step >> layer->level, 1);
-    unsigned count = (unsigned)((width * (layer->outputs + 3 * inputs) * element + TASK_BYTES - 1) /
-                                TASK_BYTES);
+    unsigned count =
+        (unsigned)((width * (layer->outputs + 3 * inputs) * element + TASK_BYTES - 1) / TASK_BYTES);
     if (plan->threads > 1)
         count = lull_max_u(count, (2 * plan->threads + rows - 1) / rows);
     count = lull_max_u(count, 1);
@@ -175,8 +175,8 @@ static void layout(lull_plan *plan)
     }
     plan->scratch_bytes = lull_align_up(plan->scratch_bytes, LULL_ALIGN);
     plan->scratch = lull_append(&total, plan->scratch_bytes * plan->threads);
-    plan->exposure = lull_append(&total, lull_exposure_rows(plan->frame.height) *
-                                             sizeof(lull_exposure_row));
+    plan->exposure =
+        lull_append(&total, lull_exposure_rows(plan->frame.height) * sizeof(lull_exposure_row));
     plan->saved_width = plan->frame.in_place && plan->strips > 1 ? graph->overlap : 0;
     for (unsigned i = 0; i < LULL_LOADED; i++)
         if (lull_plan_has(plan, lull_loaded[i]))

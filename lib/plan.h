@@ -1,18 +1,19 @@
-/* The schedule and memory of a run: which rows of which tensor are kept, and where. Holds offsets only.
+/* The schedule and memory of a run: which rows of which tensor are kept, and where. Holds offsets
+ * only.
  *
- * Rows stream through the network. Every tensor is a ring of the few rows that its consumers still need.
- * In one step `row_step` input rows come in, then each layer in turn makes the rows that it now can.
- * How many that are, and how many rows stay needed, follows from the layers alone. The planner plays
- * the steps through once, without pixels, and takes the largest number of rows alive as a ring's size.
- * Steps go on after the last input row until the output is complete.
+ * Rows stream through the network. Every tensor is a ring of the few rows that its consumers still
+ * need. In one step `row_step` input rows come in, then each layer in turn makes the rows that it
+ * now can. How many that are, and how many rows stay needed, follows from the layers alone. The
+ * planner plays the steps through once, without pixels, and takes the largest number of rows alive
+ * as a ring's size. Steps go on after the last input row until the output is complete.
  */
 #ifndef LULL_PLAN_H
 #define LULL_PLAN_H
 
 #include "pack.h"
 
-/* Rows of a tensor, kept in a ring. A row is `left` bytes of zero border, the pixels, and more zeros;
- * row y is at offset + (y % rows) * row length + left. */
+/* Rows of a tensor, kept in a ring. A row is `left` bytes of zero border, the pixels, and more
+ * zeros; row y is at offset + (y % rows) * row length + left. */
 typedef struct lull_ring {
     uint32_t offset;    /* in units of LULL_ALIGN bytes */
     uint32_t row_units; /* length of a row, likewise */
@@ -47,12 +48,13 @@ struct lull_plan {
     unsigned width;       /* padded width of the frame */
     unsigned strip_width; /* columns of output of one strip, a multiple of the alignment */
     unsigned strips;
-    unsigned row_width;   /* columns held: the strip and its overlaps */
+    unsigned row_width; /* columns held: the strip and its overlaps */
     unsigned delay_rows;
-    size_t zero_row;      /* offset of zeros as long as any row */
+    size_t zero_row;               /* offset of zeros as long as any row */
     size_t scratch, scratch_bytes; /* per worker */
-    size_t exposure;      /* rows of auto-exposure bins */
-    size_t saved;         /* columns that an in-place run would overwrite before the next strip reads them */
+    size_t exposure;               /* rows of auto-exposure bins */
+    size_t saved; /* columns that an in-place run would overwrite before the next strip reads them
+                   */
     unsigned saved_width;
     /* State of a run: rows made of every tensor, and stored of the output. */
     unsigned strip, stored;
@@ -67,8 +69,8 @@ int lull_plan_has(const lull_plan *plan, unsigned tensor);
 /* Columns of a task of layer l, at its own resolution before pooling: even. */
 unsigned lull_plan_chunk(const lull_plan *plan, unsigned l);
 
-/* Rows that layer l will have made after its turn in the present step: all that its sources allow, but
- * no more than a step's worth (else the last rows of the frame would all be alive at once). */
+/* Rows that layer l will have made after its turn in the present step: all that its sources allow,
+ * but no more than a step's worth (else the last rows of the frame would all be alive at once). */
 unsigned lull_plan_turn(const lull_plan *plan, unsigned l);
 
 #endif

@@ -23,18 +23,18 @@ LIB = {
     "cpu": {"ports"},
     "kernels": {"ports"},
     "dispatch": {"kernels", "cpu", "ports"},
-    "graph": {"tza", "tensor", "nets", "layers"},
-    "pack": {"graph", "kernels", "quant", "tza", "tensor"},
-    "model": {"graph", "kernels", "pack", "quant", "tza", "cpu", "plan"},
-    "plan": {"graph", "kernels", "tensor", "pack", "quant", "transfer", "image", "exposure"},
-    "exec": {"plan", "kernels", "image", "transfer", "exposure", "graph", "pack", "quant", "tza"},
-    "quant": {"tensor"},
-    "tensor": set(),
+    "graph": {"tza", "nets"},
+    "pack": {"graph", "kernels", "transfer"},
+    "plan": {"pack", "exposure"},
+    "filter": {"pack", "transfer"},
+    "exec": {"plan", "filter", "image", "transfer", "exposure"},
+    "nets": set(),
+    "ports": set(),
     "nlm": {"image", "transfer"},
 }
 LIBC = {"float.h", "stddef.h", "stdint.h", "string.h"}  # string.h in base.h only
 INTRINSICS = {"immintrin.h", "emmintrin.h", "tmmintrin.h", "arm_neon.h", "cpuid.h"}
-PORT_MAY = {"base", "kernels", "quant", "lull"}  # headers of lib/
+PORT_MAY = {"base", "kernels", "lull"}  # headers of lib/
 APPS_MAY = {"lull.h", "OpenImageDenoise/oidn.h", "OpenImageDenoise/oidn.hpp",
             "OpenImageDenoise/config.h"}
 

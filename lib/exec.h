@@ -1,0 +1,51 @@
+/* Inside the executor: what its files share. */
+#ifndef LULL_EXEC_H
+#define LULL_EXEC_H
+
+#include "plan.h"
+#include "transfer.h"
+
+#define LULL_FLT_MAX 3.402823466e38f
+
+/* What the body functions of one parallel_for see. */
+typedef struct lull_task {
+    lull_plan *plan;
+    const lull_images *images;
+    unsigned layer, chunk;    /* chunk: columns of a task */
+    unsigned first, base_row; /* first row to make; row of the frame at the start of the images */
+    unsigned begin, end, left, right; /* columns: of the strip's output, and held in the rings */
+} lull_task;
+
+/* How a frame's main image is read and written. */
+typedef struct lull_content_rule {
+    lull_transfer transfer;
+    uint8_t is_hdr, is_signed;
+} lull_content_rule;
+
+lull_content_rule lull_exec_content(const lull_frame *frame);
+
+/* Image number `feature`: 0 colour, 1 albedo, 2 normal. */
+const lull_image *lull_exec_feature(const lull_images *images, unsigned feature);
+
+/* Pixel 0 of row y of a tensor, for writing; and pixel x of an fp32 one. */
+uint8_t *lull_exec_row(const lull_plan *plan, unsigned tensor, unsigned y);
+float *lull_exec_floats(const lull_plan *plan, unsigned tensor, unsigned y, unsigned x);
+
+/* Row y of a tensor for reading; rows outside are zeros. */
+const uint8_t *lull_exec_source(const lull_plan *plan, unsigned tensor, int y);
+
+/* Bodies of parallel_for. Context: a lull_task. */
+void lull_exec_load(void *context, unsigned index, unsigned worker);  /* row first + index of the
+                                                                         input */
+void lull_exec_chunk(void *context, unsigned index, unsigned worker); /* a chunk of a row of a layer
+                                                                       */
+void lull_exec_store(void *context, unsigned index, unsigned worker); /* row first + index of the
+                                                                         output */
+
+/* Chunks that a row of the task's layer has. */
+unsigned lull_exec_chunks(const lull_task *t);
+
+/* Columns [x, x+n) of row y of the task's layer, if it is one of the filter. */
+void lull_exec_filter(const lull_task *t, unsigned x, unsigned y, unsigned n);
+
+#endif

@@ -1,0 +1,237 @@
+/* Rows of layers: convolutions through the kernels, and the filter of family K. */
+#include "exec.h"
+#include "filter.h"
+
+uint8_t *lull_exec_row(const lull_plan *plan, unsigned tensor, unsigned y)
+{
+    const lull_ring *ring = &plan->ring[tensor];
+    return (uint8_t *)plan +
+           (ring->offset + (size_t)(y % ring->rows) * ring->row_units) * LULL_ALIGN +
+           lull_ring_left(ring);
+}
+
+float *lull_exec_floats(const lull_plan *plan, unsigned tensor, unsigned y, unsigned x)
+{
+    return (float *)(void *)lull_exec_row(plan, tensor, y) +
+           (size_t)x * plan->ring[tensor].channels;
+}
+
+const uint8_t *lull_exec_source(const lull_plan *plan, unsigned tensor, int y)
+{
+    const lull_ring *ring = &plan->ring[tensor];
+    if (y < 0 || y >= (int)(plan->height >> ring->level))
+        return (uint8_t *)plan + plan->zero_row + lull_ring_left(ring);
+    return lull_exec_row(plan, tensor, (unsigned)y);
+}
+
+/* Appends the run of `columns` pixels from column x on of row y of a tensor. */
+static void add_run(lull_conv *conv, const lull_plan *plan, unsigned tensor, int y, int x,
+                    unsigned columns, unsigned stride, size_t weights)
+{
+    const lull_ring *ring = &plan->ring[tensor];
+    lull_segment *segment = &conv->segment[conv->segments++];
+    segment->row = lull_exec_source(plan, tensor, y) + x * (ptrdiff_t)lull_ring_pixel(ring);
+    segment->weights = (const uint8_t *)plan->model + weights;
+    segment->length = lull_pack_length((lull_dtype)ring->dtype, columns * ring->channels);
+    segment->step = stride * ring->channels;
+    if (ring->dtype == LULL_DTYPE_U15)
+        conv->wide = conv->segments;
+}
+
+/* The source of layer l around pixel (x, y): three rows of 3x3 taps, or, upsampled, the two rows of
+ * the phase's 2x2 taps for the pixels x, x + 2, ... */
+static void add_source(lull_conv *conv, const lull_plan *plan, unsigned l, int x, int y)
+{
+    const lull_layer *layer = &plan->model->graph.layer[l];
+    const size_t *weights = plan->model->layer[l].weights;
+    unsigned phase = 2 * ((unsigned)y & 1) + ((unsigned)x & 1);
+    int rows = lull_layer_is_up(layer) ? 2 : layer->op == LULL_OP_HEAD ? 1 : 3;
+    int before = rows == 1 ? 0 : 1;
+    if (lull_layer_is_up(layer)) {
+        x = (x + 1) / 2;
+        y = (y + 1) / 2;
+    }
+    for (int dy = 0; dy < rows; dy++)
+        add_run(conv, plan, layer->source[0], y - before + dy, x - before, (unsigned)rows, 1,
+                weights[lull_pack_block(layer, phase, (unsigned)dy)]);
+}
+
+/* The skip of layer l around the pixels x, x + stride, ... of row y. */
+static void add_skip(lull_conv *conv, const lull_plan *plan, unsigned l, int x, int y,
+                     unsigned stride)
+{
+    const lull_layer *layer = &plan->model->graph.layer[l];
+    if (layer->source[1] == LULL_TENSOR_NONE)
+        return;
+    for (int dy = 0; dy < 3; dy++)
+        add_run(conv, plan, layer->source[1], y - 1 + dy, x - 1, 3, stride,
+                plan->model->layer[l].weights[LULL_PACK_SKIP + dy]);
+}
+
+/* Columns [x, x+n) of row y of a layer's convolution; x and n even if the source is upsampled. */
+static void conv_row(const lull_plan *plan, unsigned l, uint8_t *out, unsigned x, unsigned y,
+                     unsigned n)
+{
+    const lull_layer *layer = &plan->model->graph.layer[l];
+    const lull_packed_layer *packed = &plan->model->layer[l];
+    const lull_kernels *kernels = &plan->model->kernels;
+    int is_wide = plan->ring[l + 1].dtype == LULL_DTYPE_U15;
+    int skip_first = layer->source[1] != LULL_TENSOR_NONE && /* wide segments go first */
+                     plan->ring[layer->source[1]].dtype == LULL_DTYPE_U15;
+    unsigned phases = lull_layer_is_up(layer) ? 2 : 1;
+    lull_conv conv;
+    conv.bias = (const uint8_t *)plan->model + packed->bias;
+    conv.multiplier =
+        (const int32_t *)(const void *)((const uint8_t *)plan->model + packed->multiplier);
+    conv.wide_shift = packed->wide_shift;
+    conv.out_max = is_wide ? 32767 : 255;
+    conv.outputs = layer->outputs;
+    conv.out_step = (size_t)phases * layer->outputs;
+    conv.pixels = n / phases;
+    for (unsigned phase = 0; phase < phases; phase++) {
+        conv.out = out + phase * lull_ring_pixel(&plan->ring[l + 1]);
+        conv.segments = conv.wide = 0;
+        if (skip_first)
+            add_skip(&conv, plan, l, (int)(x + phase), (int)y, phases);
+        add_source(&conv, plan, l, (int)(x + phase), (int)y);
+        if (!skip_first)
+            add_skip(&conv, plan, l, (int)(x + phase), (int)y, phases);
+        (plan->model->graph.is_integer ? kernels->conv_int : kernels->conv_f32)(&conv);
+    }
+}
+
+unsigned lull_exec_chunks(const lull_task *t)
+{
+    unsigned level = t->plan->model->graph.layer[t->layer].level;
+    unsigned width = (t->right - t->left) >> level;
+    return (width + t->chunk - 1) / t->chunk;
+}
+
+/* Columns [x, x+n) of row y of a convolution, pooled if it pools (x and n are before pooling). */
+static void make_conv(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker)
+{
+    lull_plan *plan = t->plan;
+    const lull_layer *layer = &plan->model->graph.layer[t->layer];
+    uint8_t *row = lull_exec_row(plan, t->layer + 1, y), *above, *below;
+    size_t pixel = lull_ring_pixel(&plan->ring[t->layer + 1]);
+    if (!layer->pool) {
+        conv_row(plan, t->layer, row + x * pixel, x, y, n);
+        return;
+    }
+    above = (uint8_t *)plan + plan->scratch + plan->scratch_bytes * worker;
+    below = above + n * pixel;
+    conv_row(plan, t->layer, above, x, 2 * y, n);
+    conv_row(plan, t->layer, below, x, 2 * y + 1, n);
+    row += x / 2 * pixel;
+    if (plan->model->graph.is_integer)
+        plan->model->kernels.pool_u8(row, above, below, layer->outputs, n / 2);
+    else
+        plan->model->kernels.pool_f32((float *)(void *)row, (const float *)(const void *)above,
+                                      (const float *)(const void *)below, layer->outputs, n / 2);
+}
+
+/* The five rows around row y of a tensor of 4-vectors, at column x. */
+static void five_rows(const lull_plan *plan, const float **rows, unsigned tensor, unsigned y,
+                      unsigned x)
+{
+    for (int dy = 0; dy < 5; dy++)
+        rows[dy] = (const float *)(const void *)lull_exec_source(plan, tensor, (int)y + dy - 2) +
+                   4 * (size_t)x;
+}
+
+static void make_smooth(const lull_task *t, unsigned x, unsigned y, unsigned n,
+                        const uint8_t *codes, size_t step)
+{
+    const lull_layer *layer = &t->plan->model->graph.layer[t->layer];
+    float *out = lull_exec_floats(t->plan, t->layer + 1, y, x);
+    const float *rows[5];
+    if (t->plan->frame.features & LULL_HAS_COLOR && t->plan->frame.features & LULL_HAS_ALBEDO) {
+        five_rows(t->plan, rows, layer->source[0], y, x);
+        lull_filter_smooth(out, t->plan->model, rows, codes, step, n);
+        return;
+    }
+    for (unsigned i = 0; i < 3 * n; i++)
+        out[i] = 1.0f;
+}
+
+static void make_demodulated(const lull_task *t, unsigned x, unsigned y, unsigned n,
+                             const uint8_t *codes, size_t step)
+{
+    const lull_plan *plan = t->plan;
+    const lull_layer *layer = &plan->model->graph.layer[t->layer];
+    unsigned width = plan->frame.width - t->left; /* columns inside the image */
+    unsigned inside = y < plan->frame.height && x < width ? width - x : 0;
+    lull_filter_demodulate(lull_exec_floats(plan, t->layer + 1, y, x), plan->model,
+                           lull_exec_floats(plan, layer->source[0], y, x),
+                           lull_exec_floats(plan, layer->source[1], y, x), codes, step, n, inside);
+}
+
+static void make_pooled(const lull_task *t, unsigned x, unsigned y, unsigned n,
+                        const uint8_t *codes, size_t step)
+{
+    unsigned source = t->plan->model->graph.layer[t->layer].source[0];
+    lull_filter_pool(lull_exec_floats(t->plan, t->layer + 1, y, x), t->plan->model,
+                     lull_exec_floats(t->plan, source, 2 * y, 2 * x),
+                     lull_exec_floats(t->plan, source, 2 * y + 1, 2 * x), codes, step, n);
+}
+
+static void make_filtered(const lull_task *t, unsigned x, unsigned y, unsigned n,
+                          const uint8_t *codes, size_t step)
+{
+    const float *rows[5];
+    five_rows(t->plan, rows, t->plan->model->graph.layer[t->layer].source[0], y, x);
+    lull_filter_apply(lull_exec_floats(t->plan, t->layer + 1, y, x), t->plan->model, rows, codes,
+                      step, n);
+}
+
+static void make_blended(const lull_task *t, unsigned x, unsigned y, unsigned n,
+                         const uint8_t *codes, size_t step)
+{
+    const lull_plan *plan = t->plan;
+    const lull_layer *layer = &plan->model->graph.layer[t->layer];
+    unsigned level = layer->level + 1u, tensor = layer->source[1];
+    unsigned bottom = (plan->frame.height + (1u << level) - 1) >> level; /* coarse rows that exist
+                                                                          */
+    unsigned right = (plan->frame.width + (1u << level) - 1) >> level;
+    unsigned row = y / 2, beside = y & 1 ? row + 1 : row == 0 ? 0 : row - 1;
+    lull_coarse coarse;
+    (void)codes;
+    (void)step;
+    coarse.near = lull_exec_floats(plan, tensor, lull_min_u(row, bottom - 1), x / 2);
+    coarse.far = lull_exec_floats(plan, tensor, lull_min_u(beside, bottom - 1), x / 2);
+    coarse.channels = plan->ring[tensor].channels;
+    coarse.first = -(int)(x / 2);
+    coarse.last =
+        (int)(lull_min_u(right, t->right >> level) - 1 - (t->left >> level)) - (int)(x / 2);
+    lull_filter_blend(lull_exec_floats(plan, t->layer + 1, y, x), layer->outputs,
+                      lull_exec_floats(plan, layer->source[0], y, x), &coarse, n);
+}
+
+/* Columns [x, x+n) of row y of a layer of the filter; its codes are those of the last head it
+ * reads. */
+void lull_exec_filter(const lull_task *t, unsigned x, unsigned y, unsigned n)
+{
+    static void (*const make[])(const lull_task *, unsigned, unsigned, unsigned, const uint8_t *,
+                                size_t) = {
+        NULL, NULL, make_smooth, make_demodulated, make_pooled, make_filtered, make_blended};
+    const lull_layer *layer = &t->plan->model->graph.layer[t->layer];
+    unsigned head = layer->op == LULL_OP_DEMODULATE ? layer->source[2] : layer->source[1];
+    size_t step = t->plan->ring[head].channels;
+    const uint8_t *codes =
+        layer->op == LULL_OP_BLEND ? NULL : lull_exec_row(t->plan, head, y) + x * step;
+    make[layer->op](t, x, y, n, codes, step);
+}
+
+/* One chunk of columns of one row of a layer. */
+void lull_exec_chunk(void *context, unsigned index, unsigned worker)
+{
+    const lull_task *t = context;
+    const lull_layer *layer = &t->plan->model->graph.layer[t->layer];
+    unsigned chunks = lull_exec_chunks(t), y = t->first + index / chunks,
+             x = index % chunks * t->chunk;
+    unsigned n = lull_min_u(t->chunk, ((t->right - t->left) >> layer->level) - x);
+    if (lull_layer_is_conv(layer))
+        make_conv(t, x, y, n, worker);
+    else
+        lull_exec_filter(t, x, y, n);
+}
