@@ -116,7 +116,8 @@ def pu_forward(y: np.ndarray) -> np.ndarray:
     middle = ((F(0.52499815834241) * (F(1) + _exp2m1(r))) * _power_of_two(n)
               - F(0.00093820874307323))
     high = F(0.042593936086398) * (whole + part) + F(0.31852702898491)
-    return np.where(above, np.where(upper, high, middle), F(450.6488059461) * v)
+    low = F(450.6488059461) * np.minimum(v, PU_Y0)
+    return np.where(above, np.where(upper, high, middle), low)
 
 
 def pu_inverse(x: np.ndarray) -> np.ndarray:
