@@ -1,0 +1,50 @@
+/* libFuzzer target: any bytes are read as an image file, as each of the roles. Built by
+ *
+ *     clang -g -O1 -fsanitize=fuzzer,address,undefined -Iapps -DLULL_WITH_OPENEXR=1
+ * -DLULL_WITH_PNG=1 ...
+ *
+ * (tests/fuzz/fuzz_image.sh does it); tests/apps/test_image_fuzz.c replays seeds and mutations of
+ * them with any compiler. */
+#define _XOPEN_SOURCE 700 /* fmemopen */
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+
+#include "imageio.h"
+
+#define MEMORY (64u << 20) /* of one image; what is larger must be refused */
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
+
+static void require(int condition)
+{
+    if (!condition)
+        abort();
+}
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
+{
+    if (!size)
+        return 0;
+    for (int role = 0; role < 3; role++) {
+        image_request request = {(image_role)role, NULL, role == 2, (image_type)role, MEMORY};
+        image img;
+        image_error error;
+        FILE *file = fmemopen((void *)(uintptr_t)data, size, "rb");
+        image_status status;
+        require(file != NULL);
+        status = image_read_stream(&img, file, &request, &error);
+        if (status) {
+            require(!img.pixels && error.status == status && error.text[0]);
+        } else {
+            require(img.width && img.height && img.channels >= 1 && img.channels <= 3);
+            require(image_bytes(&img) <= MEMORY);
+            /* Every value was written (a sanitizer notices those that were not). */
+            for (size_t i = 0, n = image_count(&img); i < n; i += 97)
+                require(image_get(&img, i) != 12345.678f || role < 3);
+            image_destroy(&img);
+        }
+        fclose(file);
+    }
+    return 0;
+}
