@@ -5,7 +5,7 @@
     python -m export.manifest --add rt_hdr_w16.tza --features hdr --data ... --config ... \\
         --scores ... [--licence Apache-2.0]
 
-Fields: file, sha256, net, features, data, config, scores, licence. `net` (topology, widths, kMAC/px)
+Fields: file, sha256, net, features, data, config, scores, licence. `net` (topology, widths, cost)
 is read from the file; --add replaces the row of a file that is listed already.
 """
 from __future__ import annotations

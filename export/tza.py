@@ -141,7 +141,8 @@ def write_weights(path: Path | str, tensors: Mapping[str, np.ndarray]) -> None:
     """A weights file as Open Image Denoise reads it: fp16, `oihw` and `x`."""
     with Writer(path) as w:
         for name, array in tensors.items():
-            half = np.asarray(array, np.float32).astype(np.float16)
+            with np.errstate(over="ignore"):
+                half = np.asarray(array, np.float32).astype(np.float16)
             if not np.isfinite(half).all():
                 raise TzaError(f"{name}: values that a half float cannot hold")
             w.write(name, half)

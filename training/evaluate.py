@@ -84,7 +84,8 @@ def load_denoiser(path: Path, features: list[str]) -> Denoiser:
     return Denoiser(model, features, features[0], "pu", [])
 
 
-def evaluate(case: Case, path: Path, denoiser: Denoiser, binary: Path | None) -> dict:
+def evaluate(case: Case, path: Path, denoiser: Denoiser, binary: Path | None,
+             names: list[str]) -> dict:
     """Scores of one case: by method and metric, and the agreement with OIDN running our weights."""
     images = load(case.source, denoiser.features)
     target = load(case.target, ["hdr"])["hdr"]
@@ -97,8 +98,7 @@ def evaluate(case: Case, path: Path, denoiser: Denoiser, binary: Path | None) ->
         theirs = peer.denoise(binary, images, path.resolve())
         row["agreement"] = peer.difference(outputs["lull"], theirs)
     for method, image in outputs.items():
-        row[method] = metrics.measure(metrics.to_display(image, "hdr", exposure), shown,
-                                      list(NAMES))
+        row[method] = metrics.measure(metrics.to_display(image, "hdr", exposure), shown, names)
     return row
 
 
@@ -106,14 +106,15 @@ def table(rows: list[dict]) -> list[str]:
     """Markdown: one line per case, then means; metrics as noisy -> lull (OIDN)."""
     oidn = all("oidn" in r for r in rows)
     methods = ["noisy", "lull"] + (["oidn"] if oidn else [])
+    metric = list(rows[0]["lull"])
     titles = {"noisy": "noisy", "lull": "lull", "oidn": "OIDN 2.5.1"}
-    head = [f"{n.upper()} {titles[m]}" for n in NAMES for m in methods]
+    head = [f"{n.upper()} {titles[m]}" for n in metric for m in methods]
     lines = ["| picture | " + " | ".join(head) + " |", "|---|" + "---:|" * len(head)]
     mean = {"case": f"**mean of {len(rows)}**"} | {
-        m: {n: float(np.mean([r[m][n] for r in rows])) for n in NAMES} for m in methods}
+        m: {n: float(np.mean([r[m][n] for r in rows])) for n in metric} for m in methods}
     for r in [*rows, mean]:
         cells = [f"{r[m][n]:.2f}" if n == "psnr" else f"{r[m][n]:.4f}"
-                 for n in NAMES for m in methods]
+                 for n in metric for m in methods]
         lines.append(f"| {r['case']} | " + " | ".join(cells) + " |")
     return lines
 
@@ -142,7 +143,7 @@ def by_spp(rows: list[dict]) -> list[dict]:
         row = {"case": f"{spp} spp ({len(part)})"}
         for m in ("noisy", "lull", "oidn"):
             if all(m in r for r in part):
-                row[m] = {n: float(np.mean([r[m][n] for r in part])) for n in NAMES}
+                row[m] = {n: float(np.mean([r[m][n] for r in part])) for n in part[0][m]}
         merged.append(row)
     return merged
 
@@ -167,6 +168,7 @@ def main(argv: list[str]) -> None:
                         help="the N groups of a data set that train --hold_out N leaves out")
     parser.add_argument("--report", type=Path, help="Markdown file to put the tables into")
     parser.add_argument("--json", type=Path, help="all figures")
+    parser.add_argument("--metric", nargs="*", default=NAMES, choices=tuple(metrics.METRICS))
     parser.add_argument("--no_oidn", action="store_true", help="do not run the real OIDN")
     args = parser.parse_args(argv)
     torch.set_num_threads(1)
@@ -187,10 +189,10 @@ def main(argv: list[str]) -> None:
         for title, cases in sets:
             rows = []
             for case in (c for c in cases if has_features(c.source, features)):
-                rows.append(evaluate(case, path, denoiser, binary))
+                rows.append(evaluate(case, path, denoiser, binary, list(args.metric)))
                 r = rows[-1]
                 print(f"{path.stem} {case.name}: " + ", ".join(
-                    f"{m} {r[m]['psnr']:.2f}/{r[m]['ssim']:.4f}/{r[m]['flip']:.4f}"
+                    m + " " + "/".join(f"{v:.4g}" for v in r[m].values())
                     for m in ("noisy", "lull", "oidn") if m in r), flush=True)
             if not rows:
                 continue

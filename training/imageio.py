@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import struct
+import sys
 import zlib
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -36,6 +37,20 @@ def replacing(path: Path) -> Iterator[Path]:
             tmp.unlink(missing_ok=True)
 
 
+@contextmanager
+def silent() -> Iterator[None]:
+    """Nothing that C code prints to stderr gets out (OpenEXR reports its errors there as well)."""
+    sys.stderr.flush()
+    kept = os.dup(2)
+    try:
+        with open(os.devnull, "w") as null:
+            os.dup2(null.fileno(), 2)
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+
+
 def _openexr():
     try:
         import OpenEXR
@@ -48,7 +63,11 @@ def read_exr_channels(path: Path) -> dict[str, np.ndarray]:
     """All channels of all parts by name, [H,W] float32; later parts are prefixed by their name."""
     exr = _openexr()
     try:
-        with exr.File(str(path), separate_channels=True) as f:
+        path.open("rb").close()
+    except OSError as e:
+        raise ToolError(f"{path}: cannot read ({e.strerror})", DATA) from e
+    try:
+        with silent(), exr.File(str(path), separate_channels=True) as f:
             channels = {}
             for i, part in enumerate(f.parts):
                 prefix = f"{part.name()}." if i and part.name() else ""

@@ -152,8 +152,13 @@ def from_tensors(tensors: dict) -> nn.Module:
     inputs = int(tensors[f"{net.layers[0].name}.weight"].shape[1])
     model = FAMILIES[net.family](net, inputs, widths)
     wanted = model.state_dict()
-    model.load_state_dict({k: torch.as_tensor(np.array(tensors[k])).float() for k in wanted})
+    model.load_state_dict({k: _tensor(tensors[k]) for k in wanted})
     return model
+
+
+def _tensor(value) -> Tensor:
+    """fp32 copy of a tensor or of an array (which may be a read-only map of a file)."""
+    return value.float() if isinstance(value, Tensor) else torch.from_numpy(np.array(value)).float()
 
 
 def pad_to(x: Tensor, align: int = ALIGN) -> Tensor:

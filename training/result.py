@@ -97,6 +97,7 @@ def load_model(result: Result, epoch: int | None = None, best: bool = False,
 
     weights: `ema` takes the averaged weights where the checkpoint has them.
     """
+    result.require()
     settings = result.config()
     state = result.load(epoch, best)
     model = make_model(settings)

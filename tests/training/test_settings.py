@@ -1,0 +1,174 @@
+"""Options: names, defaults, derived defaults, precedence; files that ship with the project."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from export import golden, manifest
+from training.settings import OPTIONS, SCRIPTS, make_parser, parse, seconds
+
+# Options of Open Image Denoise's toolkit: spellings and the scripts that take them.
+THEIRS = """
+--config -c|PTLIXVCQZ
+--clean_aux|PTL
+--filter -f|PTL
+--quality -q|PTL
+--preproc_dir -P|PTL
+--train_data -t|PTL
+--valid_data -v|PT
+--transfer -x|PTL
+--data_dir -D|PI
+--results_dir -R|PTLIXV
+--result -r|TLIXV
+--aux_results -a|PTLI
+--num_epochs --epochs -e|PTIX
+--num_valid_epochs --valid_epochs|T
+--num_save_epochs --save_epochs|T
+--lr --learning_rate|TL
+--max_lr --max_learning_rate|TL
+--lr_warmup --learning_rate_warmup|T
+--compile|T
+--batch_size --bs -b|TL
+--num_loaders --loaders -j|TL
+--precision -p|TL
+--model -m|TL
+--loss -l|TL
+--msssim_weights|TL
+--tile_size --ts|TL
+--seed -s|TL
+--metric -M|IQ
+--input_data -i|I
+--output_dir -O|I
+--output_suffix -o|I
+--format -F|I
+--save_all|I
+--output -o|X
+--exposure -E|CQ
+--layer|Z
+--device -d|PTLIX
+--device_id -k|PTLIX
+--num_devices -n|PTLIX
+--deterministic --det|PTLIX
+""".split("\n")[1:-1]
+
+
+@pytest.mark.parametrize("row", THEIRS)
+def test_their_options_exist(row):
+    names, scripts = row.split("|")
+    for script in (s for s, letter in SCRIPTS.items() if letter in scripts):
+        taken = {n for a in make_parser(script)._actions for n in a.option_strings}
+        assert set(names.split()) <= taken, script
+
+
+def test_options_do_not_collide():
+    for script, letter in SCRIPTS.items():
+        names = [n for o in OPTIONS if letter in o.scripts for n in o.names.split()]
+        assert len(names) == len(set(names)), script
+
+
+def test_defaults():
+    s = parse("train", ["hdr", "albedo", "normal"])
+    want = dict(features=["hdr", "alb", "nrm"], main_feature="hdr", model="unet_large",
+                batch_size=16, tile_size=256, num_epochs=2000, num_valid_epochs=10,
+                num_save_epochs=10, loss="l1_msssim", train_data="train", valid_data="valid",
+                preproc_dir="preproc", results_dir="results", transfer="pu", num_loaders=4,
+                learning_rate_warmup=0.15, msssim_weights=None, clean_aux=False)
+    assert {k: s.get(k) for k in want} == want
+    assert s.max_learning_rate == pytest.approx(4.286e-5, rel=1e-3)
+    assert s.learning_rate == pytest.approx(s.max_learning_rate / 25)
+    fast = parse("train", ["hdr", "-q", "fast", "-b", "8", "-f", "RT"])
+    assert fast.model == "unet_small" and fast.msssim_weights == [0.2] * 5
+    assert fast.max_learning_rate == pytest.approx(8 * 3.125e-6)
+    sweep = parse("find_lr", ["hdr"])
+    assert (sweep.learning_rate, sweep.max_learning_rate) == (1e-8, 0.1)
+    infer = parse("infer", ["-r", "x"])
+    assert (infer.input_data, infer.format, infer.metric) == ("test", ["exr"], ["psnr", "ssim"])
+
+
+@pytest.mark.parametrize("args,transfer", [
+    (["hdr"], "pu"), (["hdr", "-f", "RTLightmap"], "log"), (["ldr"], "srgb"), (["alb"], "srgb"),
+    (["nrm"], "linear"), (["sh1"], "linear"), (["z"], "log"), (["hdr", "-x", "log"], "log")])
+def test_transfer_follows_the_feature(args, transfer):
+    assert parse("train", args).transfer == transfer
+
+
+def test_data_sets_follow_each_other():
+    def names(*args):
+        s = parse("train", ["hdr", *args])
+        return s.train_data, s.valid_data
+    assert names() == ("train", "valid") and names("-t", "x") == ("x", None)
+    assert names("-t", "x", "-v", "y") == ("x", "y") and names("--hold_out", "3")[1] is None
+
+
+@pytest.mark.parametrize("script,args", [
+    ("train", []), ("train", ["alb", "nrm"]), ("train", ["hdr", "ldr"]), ("train", ["rgb"]),
+    ("train", ["hdr", "-b", "5", "-n", "2"]), ("train", ["hdr", "--ts", "50"]),
+    ("train", ["hdr", "-e", "0"]), ("train", ["hdr", "--time-budget", "soon"]),
+    ("train", ["hdr", "-l", "nope"]), ("train", ["hdr", "--epoch", "3"]),
+    ("preprocess", ["hdr", "--shard", "2/2"]), ("preprocess", ["hdr", "--layers", "alb"]),
+    ("infer", []), ("visualize", []), ("export", ["-r", "x", "nothing"]),
+    ("compare_image", ["a"]), ("split_exr", [])])
+def test_wrong_options_are_refused(fails, script, args):
+    code, message = fails(lambda argv: parse(script, argv), args)
+    assert code == 2 and message
+
+
+def test_settings_file(tmp_path, fails):
+    path = tmp_path / "s.json"
+    path.write_text(json.dumps({"features": ["hdr"], "batch_size": 8, "loss": "l1"}))
+    s = parse("train", ["-c", str(path), "-l", "l2"])
+    assert (s.features, s.batch_size, s.loss) == (["hdr"], 8, "l2")  # the command line wins
+    with pytest.raises(AttributeError):
+        s.loss = "l1"
+    for text, code in (('{"bach_size": 8}', 2), ('{"loss": "none"}', 2), ("[1]", 3), ("{", 3)):
+        path.write_text(text)
+        got, message = fails(lambda argv: parse("train", argv), ["hdr", "-c", str(path)])
+        assert got == code and str(path) in message
+    assert fails(lambda argv: parse("train", argv), ["hdr", "-c", "missing.json"])[0] == 3
+
+
+def test_times():
+    assert [seconds(t) for t in ("90", "90s", "1.5m", "2h", "1d")] == [90, 90, 90, 7200, 86400]
+
+
+def test_shipped_settings_are_accepted(root):
+    files = sorted((root / "training" / "configs").glob("rt_*.json"))
+    assert files
+    for path in files:
+        if json.loads(path.read_text()).get("model") == "w16":
+            assert parse("train", ["-c", str(path), "-t", "x"]).model == "w16"
+
+
+def test_manifest_lists_the_weights(root, tmp_path):
+    assert manifest.check(root / "weights") == []
+    rows = manifest.read(root / "weights" / "MANIFEST")
+    assert rows and all(r["licence"] == "Apache-2.0" for r in rows)
+    for name in (rows[0]["file"], "MANIFEST"):
+        (tmp_path / name).write_bytes((root / "weights" / name).read_bytes())
+    (tmp_path / "new.tza").write_bytes(b"x")
+    (tmp_path / rows[0]["file"]).write_bytes(b"y")
+    problems = manifest.check(tmp_path)
+    assert "new.tza: has no row" in problems and f"{rows[0]['file']}: sha256 differs" in problems
+
+
+def test_golden_vectors_are_what_torch_computes(root, tmp_path):
+    assert golden.check(root / "tests" / "golden") == []
+    golden.write_case(golden.CASES[1], tmp_path / golden.CASES[1].name)
+    image = tmp_path / golden.CASES[1].name / "output.f32"
+    data = np.fromfile(image, "<f4")
+    data[5] += 0.01
+    data.tofile(image)
+    assert any("output differs" in p for p in golden.check(tmp_path))
+
+
+def test_no_work_at_import(root):
+    """Importing every module prints nothing and opens no file in the working folder."""
+    modules = [f"training.{p.stem}" for p in Path(root / "training").glob("*.py")]
+    code = "import sys\n" + "\n".join(f"import {m}" for m in sorted(modules))
+    done = subprocess.run([sys.executable, "-c", code], cwd=root, capture_output=True, text=True,
+                          timeout=600)
+    assert done.returncode == 0 and done.stdout == "" and done.stderr == ""
