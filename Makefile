@@ -281,15 +281,18 @@ VENV := build/venv
 # Where the tools of the tests and comparisons find the build.
 TOOLS := LULL_BUILD='$(abspath $(BUILD))' PYTHON='$(abspath $(VENV))/bin/python'
 
+# As many jobs as CPUs, unless make was given a number.
+JOBS = $(if $(filter -j% --jobserver%,$(MAKEFLAGS)),,-j$(or $(shell nproc 2>/dev/null),2))
+
 # The tests' own settings may change what pkg-config finds, so make reads itself again after them.
 demo:
 	@sh tests/setup.sh build
-	@$(MAKE) --no-print-directory all
+	@$(MAKE) $(JOBS) --no-print-directory all
 	@sh demo/run.sh $(BUILD)
 
 check:
 	@sh tests/setup.sh check $(VENV)
-	@$(MAKE) --no-print-directory check-built
+	@$(MAKE) $(JOBS) --no-print-directory check-built
 
 check-built: tests
 	@$(VENV)/bin/python tests/run.py --build $(BUILD) $(CHECK)
@@ -307,7 +310,7 @@ conform: tests
 
 peer-ready:
 	@sh tests/setup.sh peer $(VENV)
-	@$(MAKE) --no-print-directory all
+	@$(MAKE) $(JOBS) --no-print-directory all
 
 # Equal weights, equal pictures: the outputs differ by less than OIDN's own tests allow.
 peer: peer-ready
