@@ -7,7 +7,7 @@
 #define OIDN_LEGACY_1X
 #include "OpenImageDenoise/oidn.h"
 
-#if defined(__GNUC__)
+#if defined(LULL_PEER_BUILD)
 #pragma weak oidnMapBuffer /* missing in Open Image Denoise */
 #pragma weak oidnUnmapBuffer
 #endif
