@@ -32,6 +32,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         image_error error;
         FILE *file = fmemopen((void *)(uintptr_t)data, size, "rb");
         image_status status;
+        volatile float sum = 0;
         require(file != NULL);
         status = image_read_stream(&img, file, &request, &error);
         if (status) {
@@ -39,9 +40,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         } else {
             require(img.width && img.height && img.channels >= 1 && img.channels <= 3);
             require(image_bytes(&img) <= MEMORY);
-            /* Every value was written (a sanitizer notices those that were not). */
-            for (size_t i = 0, n = image_count(&img); i < n; i += 97)
-                require(image_get(&img, i) != 12345.678f || role < 3);
+            for (size_t i = 0, n = image_count(&img); i < n; i++)
+                sum += image_get(&img, i); /* the memory sanitizer notices what was not written */
             image_destroy(&img);
         }
         fclose(file);
