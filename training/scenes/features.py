@@ -136,6 +136,16 @@ def _names() -> list[str]:
     return ["albedo.R", "albedo.G", "albedo.B", "normal.X", "normal.Y", "normal.Z"]
 
 
+def _finite(v):
+    """v, or 0 where a component is not finite: a sample that a material's corner case spoiled."""
+    return dr.select(dr.all(dr.isfinite(v)), v, 0.0)
+
+
+def _channels(albedo, normal):
+    a, n = _finite(albedo), _finite(normal)
+    return [a.x, a.y, a.z, n.x, n.y, n.z]
+
+
 def _mis(a, b):
     """Power heuristic; a, b: densities."""
     a2 = a * a
@@ -216,7 +226,7 @@ class FeaturePath(mi.SamplingIntegrator):
             beta *= dr.select(play, 1.0 / dr.maximum(keep, 1e-8), 1.0)
             active = go & (top > 0.0) & survives
 
-        return radiance, valid, [albedo.x, albedo.y, albedo.z, normal.x, normal.y, normal.z]
+        return _finite(radiance), valid, _channels(albedo, normal)
 
 
 class FeatureVolume(mi.SamplingIntegrator):
@@ -232,7 +242,7 @@ class FeatureVolume(mi.SamplingIntegrator):
     def sample(self, scene, sampler, ray, medium=None, active=True):
         radiance, valid, _ = self.inner.sample(scene, sampler, ray, medium, active)
         a, n = self.walk(scene, sampler, ray, medium, active)
-        return radiance, valid, [a.x, a.y, a.z, n.x, n.y, n.z]
+        return _finite(radiance), valid, _channels(a, n)
 
     @dr.syntax
     def walk(self, scene, sampler, ray_, medium_, active_):

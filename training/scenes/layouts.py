@@ -10,7 +10,7 @@ from . import shapes as sh
 from .mesh import grid_mesh, merge, rotate, scale, translate
 from .outdoors import garden, street
 from .rooms import hall, room, room_lights, shell
-from .stage import Ground, Stage, spin
+from .stage import Ground, Stage, spin, surface
 
 
 def still(rng: np.random.Generator) -> Stage:
@@ -24,7 +24,7 @@ def still(rng: np.random.Generator) -> Stage:
         p = np.stack([np.stack([x, y[k] + 0 * x, z[k] + 0 * x], 1) for k in range(len(y))])
         st.add([("floor", grid_mesh(p).mapped((4, 4)).coloured(fu.colour(rng)))])
     else:
-        st.add([("floor", sh.quad(8, 8).mapped((8, 8)).coloured(fu.colour(rng)))])
+        st.add([("floor", surface(rng, 8, 8).coloured(fu.colour(rng)))])
     ground = Ground(rng, (-0.8, -0.8), (0.8, 0.8))
     for _ in range(int(rng.integers(4, 40))):
         ground.put(st, fu.move(fu.trinket(rng), scale(rng.uniform(0.08, 0.5))))
@@ -66,7 +66,7 @@ def abstract(rng: np.random.Generator) -> Stage:
         shell(rng, st, 6, 6, 4)
         room_lights(rng, st, 6, 6, 4)
     else:
-        st.add([("floor", sh.quad(30, 30).mapped((30, 30)).coloured(fu.colour(rng)))])
+        st.add([("floor", surface(rng, 30, 30).coloured(fu.colour(rng)))])
         still_lights(rng, st)
     kind = rng.choice(["grid", "spiral", "cloud", "city", "lattice"])
     if kind == "city":

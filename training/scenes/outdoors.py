@@ -9,7 +9,7 @@ from . import plants as pl
 from . import shapes as sh
 from .mesh import faceted, grid_mesh, merge, rotate, scale, translate
 from .plants import Parts
-from .stage import Ground, Stage
+from .stage import Ground, Stage, surface
 
 
 def _terrain(rng, size: float, rough: float):
@@ -55,8 +55,8 @@ def garden(rng: np.random.Generator) -> Stage:
         st.add([("leaf", pl.blades(rng, root, rng.uniform(0.1, 0.5), rng.uniform(0.008, 0.03),
                                    rng.uniform(0.1, 0.8), pl.leaf_colour(rng)))])
     if rng.random() < 0.2:
-        q = sh.quad(20, 20).moved(translate(0, 0, rng.uniform(-0.1, 0.1)))
-        st.add([("special", q.mapped((20, 20)).coloured((0.2, 0.3, 0.35)))])
+        q = surface(rng, 20, 20).moved(translate(0, 0, rng.uniform(-0.1, 0.1)))
+        st.add([("special", q.coloured((0.2, 0.3, 0.35)))])
     st.eyes = [(((-5, -5, 0.3), (5, 5, 2.5)), ((-1.5, -1.5, 0.1), (1.5, 1.5, 1.2)))]
     return st
 
@@ -94,7 +94,7 @@ def house(rng, floors: int) -> Parts:
 def street(rng: np.random.Generator) -> Stage:
     """Houses along a road with lamps, cables, trees, fences, people-sized clutter."""
     st = Stage(sky=1.0, extent=((-9, -9, 0), (9, 9, 3)))
-    st.add([("floor", sh.quad(60, 60).mapped((60, 60)).coloured(fu.colour(rng)))])
+    st.add([("floor", surface(rng, 60, 60).coloured(fu.colour(rng)))])
     for y in np.arange(-12, 13, rng.uniform(4.5, 6)):
         for x in (-5.5, 5.5):
             if rng.random() < 0.85:

@@ -63,7 +63,7 @@ def draw_counts(rng: np.random.Generator, counts: list[int], pick: int, target: 
 
 def judge(image: np.ndarray) -> str:
     """Why a pilot picture (h, w, 9) is not worth rendering, or ""."""
-    light = np.nan_to_num(image[..., :3].mean(-1), posinf=0.0)
+    light = np.nan_to_num(image[..., :3].mean(-1), posinf=0.0).clip(0)
     white = np.percentile(light, 95)
     if not white > 0:
         return "black"

@@ -8,7 +8,7 @@ from . import furniture as fu
 from . import plants as pl
 from . import shapes as sh
 from .mesh import Mesh, merge, rotate, scale, translate
-from .stage import Ground, Stage, spin
+from .stage import Ground, Stage, spin, surface
 
 
 def wall_with_hole(w: float, h: float, hole) -> Mesh:
@@ -32,7 +32,7 @@ def wall_with_hole(w: float, h: float, hole) -> Mesh:
 
 def shell(rng: np.random.Generator, stage: Stage, w: float, d: float, h: float) -> None:
     """Floor, ceiling and four walls, centred; some walls with windows, frames, blinds, curtains."""
-    floor = sh.quad(w, d).mapped((w, d))
+    floor = surface(rng, w, d)
     stage.add([("floor", floor.coloured(fu.colour(rng)))])
     top = floor.moved(translate(0, 0, h) @ rotate((1, 0, 0), np.pi))
     stage.add([("wall" if rng.random() < 0.5 else "paint",

@@ -8,7 +8,7 @@ import numpy as np
 
 from . import furniture as fu
 from . import shapes as sh
-from .mesh import rotate, translate
+from .mesh import Mesh, grid_mesh, rotate, translate
 from .plants import Parts
 
 
@@ -29,6 +29,28 @@ class Stage:
 
 def spin(rng: np.random.Generator) -> np.ndarray:
     return rotate((0, 0, 1), rng.uniform(0, sh.TAU))
+
+
+def surface(rng: np.random.Generator, w: float, d: float) -> Mesh:
+    """Floor or wall of w x d in z = 0 with uv in metres; a fifth of them with uneven normals."""
+    if rng.random() < 0.8:
+        return sh.quad(w, d).mapped((w, d))
+    n = 150
+    x, y = np.meshgrid(np.linspace(-w / 2, w / 2, n), np.linspace(-d / 2, d / 2, n))
+    m = grid_mesh(np.stack([x, y, 0 * x], -1)).mapped((w, d))
+    kind, strength = rng.integers(3), rng.uniform(0.02, 0.25)
+    if kind == 0:    # waves
+        height = sh.bumps(m.v, rng, 14, rng.uniform(2, 8)).reshape(n, n)
+        slope = np.stack(np.gradient(height), -1) * n / max(w, d) * 0.3
+    elif kind == 1:  # slabs, each tilted a little
+        k = rng.normal(size=(40, 40, 2))
+        size = rng.uniform(0.2, 0.8)
+        slope = k[(y / size).astype(int) % 40, (x / size).astype(int) % 40]
+    else:            # hammered
+        slope = rng.normal(size=(n, n, 2))
+    m.n = m.n - np.concatenate([slope.reshape(-1, 2)[:, ::-1] * strength, 0 * m.n[:, :1]], 1)
+    m.n /= np.linalg.norm(m.n, axis=1, keepdims=True)
+    return m
 
 
 class Ground:
