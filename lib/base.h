@@ -44,6 +44,16 @@ LULL_INLINE unsigned lull_max_u(unsigned a, unsigned b) { return a > b ? a : b; 
 #else
 #define LULL_ARCH_X86 0
 #endif
+#if defined(__aarch64__) && !LULL_BIG_ENDIAN
+#define LULL_ARCH_ARM64 1
+#else
+#define LULL_ARCH_ARM64 0
+#endif
+#if defined(__arm__) && defined(__ARM_NEON) && !LULL_BIG_ENDIAN
+#define LULL_ARCH_NEON32 1
+#else
+#define LULL_ARCH_NEON32 0
+#endif
 #ifndef LULL_WITH_AVX2
 #define LULL_WITH_AVX2 LULL_ARCH_X86
 #endif
@@ -57,13 +67,13 @@ LULL_INLINE unsigned lull_max_u(unsigned a, unsigned b) { return a > b ? a : b; 
 #define LULL_WITH_VNNI LULL_ARCH_X86
 #endif
 #ifndef LULL_WITH_NEON
-#define LULL_WITH_NEON 0
+#define LULL_WITH_NEON (LULL_ARCH_ARM64 || LULL_ARCH_NEON32)
 #endif
 #ifndef LULL_WITH_DOTPROD
-#define LULL_WITH_DOTPROD 0
+#define LULL_WITH_DOTPROD LULL_ARCH_ARM64
 #endif
 #ifndef LULL_WITH_I8MM
-#define LULL_WITH_I8MM 0
+#define LULL_WITH_I8MM LULL_ARCH_ARM64
 #endif
 
 /* Bit pattern of a float and back. */

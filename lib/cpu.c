@@ -12,6 +12,24 @@ enum {
     FEATURE_I8MM = 64
 };
 
+#if !LULL_ARCH_X86 || !defined(__GNUC__)
+/* Features that the compiler was allowed to use everywhere. */
+static uint32_t compiled_features(void)
+{
+    uint32_t found = 0;
+#if defined(__ARM_NEON)
+    found |= FEATURE_NEON;
+#endif
+#if defined(__ARM_FEATURE_DOTPROD)
+    found |= FEATURE_DOTPROD;
+#endif
+#if defined(__ARM_FEATURE_MATMUL_INT8)
+    found |= FEATURE_I8MM;
+#endif
+    return found;
+}
+#endif
+
 #if LULL_ARCH_X86 && defined(__GNUC__)
 #include <cpuid.h>
 
@@ -36,21 +54,30 @@ static uint32_t features(void)
     }
     return found;
 }
-#else
+#elif defined(__linux__) && defined(__GNUC__) && (defined(__aarch64__) || defined(__arm__))
+/* Only the operating system knows. Weak: without a C library there is none to ask. */
+extern unsigned long getauxval(unsigned long type) __attribute__((weak));
+
 static uint32_t features(void)
 {
-    uint32_t found = 0;
-#if defined(__ARM_NEON)
+    unsigned long caps = getauxval ? getauxval(16) : 0;  /* AT_HWCAP */
+    unsigned long caps2 = getauxval ? getauxval(26) : 0; /* AT_HWCAP2 */
+    uint32_t found = compiled_features();
+#if defined(__aarch64__)
     found |= FEATURE_NEON;
-#endif
-#if defined(__ARM_FEATURE_DOTPROD)
-    found |= FEATURE_DOTPROD;
-#endif
-#if defined(__ARM_FEATURE_MATMUL_INT8)
-    found |= FEATURE_I8MM;
+    if (caps >> 20 & 1) /* HWCAP_ASIMDDP */
+        found |= FEATURE_DOTPROD;
+    if (caps2 >> 13 & 1) /* HWCAP2_I8MM */
+        found |= FEATURE_I8MM;
+#else
+    (void)caps2;
+    if (caps >> 12 & 1) /* HWCAP_NEON */
+        found |= FEATURE_NEON;
 #endif
     return found;
 }
+#else
+static uint32_t features(void) { return compiled_features(); }
 #endif
 
 /* Features each port needs; a name without an entry would not compile. */

@@ -5,8 +5,9 @@
 #include "base.h"
 
 /* Mask of the ports (bits in the order of ports.def) whose instructions this CPU and its operating
- * system support. Ports that cannot be queried without the operating system (ARM's optional
- * extensions) count as supported when the compiler was allowed to use them everywhere. */
+ * system support. ARM's optional extensions are known to the operating system alone: Linux is asked
+ * where a C library is linked; elsewhere they count as supported when the compiler was allowed to
+ * use them everywhere. */
 uint32_t lull_cpu_ports(void);
 
 #endif

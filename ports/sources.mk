@@ -33,12 +33,13 @@ PORT_VNNI_SOURCES := ports/x86/port_vnni.c ports/x86/conv_int_vnni.c
 
 PORT_NEON_ARCH := arm64 arm32
 PORT_NEON_FLAGS_arm32 := -mfpu=neon
-PORT_NEON_SOURCES :=
+PORT_NEON_SOURCES := ports/arm/port_neon.c ports/arm/conv_f32_neon.c ports/arm/conv_int_neon.c \
+                     ports/arm/pool_neon.c
 
 PORT_DOTPROD_ARCH := arm64
 PORT_DOTPROD_FLAGS := -march=armv8.2-a+dotprod
-PORT_DOTPROD_SOURCES :=
+PORT_DOTPROD_SOURCES := ports/arm/port_dotprod.c ports/arm/conv_int_dotprod.c
 
 PORT_I8MM_ARCH := arm64
 PORT_I8MM_FLAGS := -march=armv8.2-a+dotprod+i8mm
-PORT_I8MM_SOURCES :=
+PORT_I8MM_SOURCES := ports/arm/port_i8mm.c ports/arm/conv_int_i8mm.c

@@ -1,11 +1,11 @@
 /* The x86 intrinsics as portable functions (SIMDe), so that ports run on CPUs that lack their
  * instructions. The emulate_*.c files include a port's source after this header. Without SIMDe
- * (Debian: libsimde-dev) EMULATE_X86 is 0 and they are empty. */
+ * (Debian: libsimde-dev), or on a big-endian CPU, EMULATE_X86 is 0 and they are empty. */
 #ifndef LULL_TESTS_EMULATE_H
 #define LULL_TESTS_EMULATE_H
 
 #if defined(__has_include)
-#if __has_include(<simde/x86/avx512.h>)
+#if __has_include(<simde/x86/avx512.h>) && __BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__
 #define EMULATE_X86 1
 #endif
 #endif
