@@ -206,6 +206,9 @@ static bool copy(OIDNBuffer buffer, size_t offset, size_t bytes, void *to, const
 
     if (!lull_queue_reserve(device, fault))
         return false;
+    if (!async && lull_queue_is_self(&device->queue))
+        return lull_fail(fault, OIDN_ERROR_INVALID_OPERATION,
+                         "a progress function cannot wait for the work that it belongs to");
     if (offset > buffer->bytes || bytes > buffer->bytes - offset)
         return lull_fail(fault, OIDN_ERROR_INVALID_ARGUMENT,
                          "buffer region is out of range: %llu bytes at offset %llu of %llu",
@@ -219,18 +222,10 @@ static bool copy(OIDNBuffer buffer, size_t offset, size_t bytes, void *to, const
     job.target = is_read ? to : buffer->data + offset;
     job.source = is_read ? buffer->data + offset : from;
     job.bytes = bytes;
-    if (!async) { /* tells of failed asynchronous work, too, but copies all the same */
-        if (lull_queue_is_self(&device->queue))
-            return lull_fail(fault, OIDN_ERROR_INVALID_OPERATION,
-                             "a progress function cannot wait for the work that it belongs to");
-        lull_queue_sync(device, fault);
-        run_copy(&job, fault);
-        return true;
-    }
     job.buffers[0] = buffer;
     lull_buffer_hold(buffer);
     buffer->last_job = lull_queue_submit(device, &job);
-    return true;
+    return async || lull_queue_sync(device, fault); /* a sync tells of failed earlier work, too */
 }
 
 OIDN_API void oidnReadBuffer(OIDNBuffer buffer, size_t byteOffset, size_t byteSize, void *dstHostPtr)
