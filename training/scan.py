@@ -99,8 +99,8 @@ def list_versions(root: Path) -> dict[str, list[Version]]:
     paths = (Path(d) / f for d, _, files in os.walk(root, followlinks=True) for f in files)
     for path in sorted(paths):
         split = _SPLIT.fullmatch(path.name)
-        if not split or path.name.startswith("."):
-            continue
+        if not split or any(part.startswith(".") for part in path.relative_to(root).parts):
+            continue  # hidden: files and folders that are still being written
         match = _VERSION.fullmatch(split["stem"])
         feature = (split["feature"] or "*").lower()
         if feature == "*" and not (match and split["ext"].lower() == "exr"):

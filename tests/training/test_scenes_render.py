@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 
 from training.imageio import read_image
+from training.scan import list_versions
 
 pytest.importorskip("mitsuba", reason="the package mitsuba is not installed")
 
@@ -108,6 +110,13 @@ def test_seed_gives_the_same_bytes(root, rendered, tmp_path):
     for path in sorted((out / "s00021").glob("*.exr")):
         a, b = read_image(path), read_image(tmp_path / "s00021" / path.name)
         assert np.array_equal(a, b), path.name
+
+
+def test_unfinished_scenes_are_no_training_data(rendered, tmp_path):
+    out, _ = rendered
+    shutil.copytree(out, tmp_path / "data")
+    (tmp_path / "data" / "s00020").rename(tmp_path / "data" / ".s00020.tmp77")
+    assert set(list_versions(tmp_path / "data")) == {"s00021/s00021"}
 
 
 def test_assets_are_used(root, tmp_path):

@@ -93,7 +93,7 @@ def write_group(mi, out: str, name: str, scene, integrator, shot: Shot, noisy: l
     try:
         os.makedirs(temporary)
         figures: dict = {"seconds": {}, "non_finite": 0}
-        for spp in [*noisy, target]:
+        for spp in [target, *noisy]:  # an unfinished group has its target at least
             start = time.process_time()
             image, bad = clean(render(mi, scene, integrator, shot, spp, seed * 1000 + spp))
             image[..., :3] *= gain
