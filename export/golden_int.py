@@ -22,8 +22,8 @@ import numpy as np
 
 from export.graph import Layer, Net, read_nets
 from export.pairs import safe
+from export.quantize import integer_tensors, write_integer
 from export.reference import NARROW_MAX, WIDE_MAX, IntLayer, IntModel, load_model
-from export.tza import Writer
 
 ROOT = Path(__file__).resolve().parent.parent
 OUTPUTS = 3
@@ -40,21 +40,25 @@ class Case:
     inputs: int
     widths: tuple[int, ...]
     shift: int             # of layers with wide and narrow inputs
+    wide: tuple[str, ...] = ()  # layers with wide outputs beside the compulsory ones
     extreme: bool = False  # only the largest weights that are allowed, and inputs of 0 and 1
 
 
 CASES = (
     Case("int_unet_9_mixed", "unet", 16, 48, 9,
-         (5, 7, 8, 9, 11, 13, 16, 12, 10, 9, 8, 7, 6, 5, 7), 7),
+         (5, 7, 8, 9, 11, 13, 16, 12, 10, 9, 8, 7, 6, 5, 7), 7, wide=("dec_conv1a",)),
     Case("int_unet_3_narrow", "unet", 16, 16, 3, (1, 2, 3, 1, 2, 3, 1, 2, 3, 1, 2, 3, 1, 2, 3), 0),
-    Case("int_unet_6_wide", "unet", 16, 32, 6,
+    Case("int_unet_6_wide", "unet", 16, 16, 6,
          (17, 9, 8, 8, 12, 8, 8, 8, 16, 8, 8, 24, 8, 33, 17), 9),
     Case("int_unet_9_extreme", "unet", 16, 32, 9,
          (5, 9, 8, 3, 16, 5, 12, 9, 11, 8, 7, 10, 5, 9, 32), 15, extreme=True),
-    Case("int_unet_3_eights", "unet", 48, 16, 3, (8, 16, 8, 8, 16) * 3, 7),
+    Case("int_unet_3_eights", "unet", 48, 16, 3, (8, 16, 8, 8, 8) * 3, 7),
+    Case("int_unet_3_widest", "unet", 32, 16, 3, (3, 4, 5) * 5, 4,
+         wide=("enc_conv0", "enc_conv5a", "enc_conv5b", "dec_conv4a", "dec_conv4b", "dec_conv3a",
+               "dec_conv3b", "dec_conv2a", "dec_conv2b", "dec_conv1a")),
     Case("int_unet_large_9_mixed", "unet_large", 32, 16, 9,
          (5, 7, 8, 6, 9, 7, 8, 11, 12, 5, 9, 7, 8, 6, 7, 5, 6, 7), 6),
-    Case("int_unet_large_3_wide", "unet_large", 16, 32, 3,
+    Case("int_unet_large_3_wide", "unet_large", 16, 16, 3,
          (16, 9, 8, 8, 8, 8, 8, 8, 8, 8, 8, 8, 8, 8, 8, 16, 33, 17), 1),
     Case("int_unet_large_6_narrow", "unet_large", 16, 16, 6, (3, 1, 2, 5) * 4 + (3, 1), 7),
 )
@@ -73,7 +77,8 @@ def random_weights(rng: np.random.Generator, shape: tuple[int, ...], narrow: boo
 def random_layer(rng: np.random.Generator, case: Case, net: Net, layer: Layer,
                  maps: dict[str, np.ndarray], o: int) -> IntLayer:
     """A layer whose output uses its range, given the codes of its inputs."""
-    wide = {name: name in net.wide for name in (layer.source, layer.skip)}
+    wide = {name: name in net.wide or name in case.wide
+            for name in (layer.source, layer.skip, layer.name)}
     rows, k = (4 * o, 2) if layer.up else (o, 3)
     weight = random_weights(rng, (rows, maps[layer.source].shape[2], k, k),
                             not wide[layer.source], case.extreme)
@@ -81,7 +86,7 @@ def random_layer(rng: np.random.Generator, case: Case, net: Net, layer: Layer,
     if layer.skip:
         skip = random_weights(rng, (o, maps[layer.skip].shape[2], 3, 3), not wide[layer.skip],
                               case.extreme)
-    out_max = WIDE_MAX if layer.name in net.wide or layer == net.last else NARROW_MAX
+    out_max = WIDE_MAX if wide[layer.name] else NARROW_MAX
     mixed = layer.skip is not None and wide[layer.source] != wide[layer.skip]
     trial = IntLayer(layer, weight, skip, np.zeros(o, np.int32), np.zeros(o, np.float32),
                      case.shift if mixed else 0, WIDE_MAX if wide[layer.source] else NARROW_MAX,
@@ -121,22 +126,6 @@ def random_model(case: Case, x: np.ndarray) -> IntModel:
     return model
 
 
-def write_model(path: Path, model: IntModel) -> None:
-    """An integer model as a file, tensors in the order of the layers."""
-    with Writer(path) as w:
-        w.write("input.scale", model.input_scale)
-        for x in model.layers:
-            name = x.layer.name
-            w.write(f"{name}.weight", x.weight)
-            if x.skip is not None:
-                w.write(f"{name}.skip.weight", x.skip)
-            w.write(f"{name}.bias", x.bias.astype(np.int32))
-            w.write(f"{name}.scale", x.scale)
-            if x.shift:
-                w.write(f"{name}.shift", np.array([x.shift], np.int32))
-        w.write("output.scale", np.array([model.output_scale], np.float32))
-
-
 def write_case(case: Case, folder: Path) -> None:
     x = random_input(case)
     model = random_model(case, x)
@@ -145,7 +134,7 @@ def write_case(case: Case, folder: Path) -> None:
     if alive.min() < 0.2 or codes.std() < 500:
         raise SystemExit(f"golden_int: case {case.name} says little: alive {alive}, {codes.std()}")
     folder.mkdir(parents=True, exist_ok=True)
-    write_model(folder / "weights.tza", model)
+    write_integer(folder / "weights.tza", integer_tensors(model))
     (folder / "shape.txt").write_text(f"{case.height} {case.width} {case.inputs} {OUTPUTS}\n")
     x.astype("<f4").tofile(folder / "input.f32")
     codes.astype("<u2").tofile(folder / "output.u15")

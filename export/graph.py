@@ -40,8 +40,8 @@ class Net:
 
     @property
     def wide(self) -> frozenset[str]:
-        """Tensors of an integer model with 15-bit codes (the output, wide too, is no input)."""
-        return frozenset(("input", self.last.source))
+        """Tensors of any integer model with 15-bit codes; its file may name others."""
+        return frozenset(("input", self.last.source, self.last.name))
 
 
 def read_nets(path: Path = NETS_DEF) -> list[Net]:

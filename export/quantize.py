@@ -23,10 +23,17 @@ from export.calibrate import (
     read_picture,
     synthetic_frames,
 )
-from export.graph import find_net
+from export.graph import Net, find_net
 from export.pixels import CONTENTS
-from export.quantizer import RANGES, Options, Quantizer
-from export.reference import FloatModel, IntModel, int_model, load_model
+from export.quantizer import RANGES, Options, Quantizer, second_last
+from export.reference import (
+    NARROW_MAX,
+    WIDE_MAX,
+    FloatModel,
+    IntModel,
+    int_model,
+    load_model,
+)
 from export.tza import Writer
 from training import errors
 from training.errors import STATE, USAGE, ToolError
@@ -46,6 +53,8 @@ def integer_tensors(model: IntModel) -> dict[str, np.ndarray]:
         tensors[f"{name}.bias"], tensors[f"{name}.scale"] = x.bias, x.scale
         if x.shift:
             tensors[f"{name}.shift"] = np.array([x.shift], np.int32)
+        if x.out_max != (WIDE_MAX if name in model.net.wide else NARROW_MAX):
+            tensors[f"{name}.max"] = np.array([x.out_max], np.int32)
     tensors["output.scale"] = np.array([model.output_scale], np.float32)
     return tensors
 
@@ -76,6 +85,9 @@ def arguments() -> argparse.ArgumentParser:
     add("--equalize", type=float, default=Options.equalize, metavar="E",
         help="0: one range per tensor ... 1: one per channel "
              f"(default {Options.equalize})")
+    add("--wide", nargs="*", metavar="LAYER",
+        help="layers with 15-bit outputs; default: the third last, without which smooth gradients "
+             "show bands; none named: only the compulsory ones, which is fastest")
     add("--nearest", action="store_true", help="round weights to nearest, not by their effect")
     add("--report", action="store_true",
         help="print the error by layer and by picture (calibration pictures, or --test)")
@@ -84,13 +96,27 @@ def arguments() -> argparse.ArgumentParser:
     return parser
 
 
-def options_of(args: argparse.Namespace, kind: Kind) -> Options:
+def wide_tensors(net: Net, names: list[str] | None) -> tuple[str, ...]:
+    """Layers with 15-bit outputs beside the compulsory ones: those named, or what `Options` says."""
+    if names is None:
+        return second_last(net)
+    for layer in net.layers:
+        if layer.pool and layer.name in names:
+            raise ToolError(f"--wide {layer.name}: a layer that pools is narrow", USAGE)
+    unknown = set(names) - {x.name for x in net.layers}
+    if unknown:
+        raise ToolError(f"--wide {sorted(unknown)[0]}: no such layer in '{net.name}'", USAGE)
+    return tuple(names)
+
+
+def options_of(args: argparse.Namespace, kind: Kind, net: Net) -> Options:
     for name, low, high in (("percentile", 50, 100), ("headroom", 0.1, 10), ("equalize", 0, 1)):
         if not low <= getattr(args, name) <= high:
             raise ToolError(f"--{name} must be from {low} to {high}", USAGE)
     top = OUTPUT_TOPS.get(kind.content, 1.0)
     return Options(input_top=top, output_top=top, ranges=args.ranges, percentile=args.percentile,
-                   headroom=args.headroom, equalize=args.equalize, refine=not args.nearest)
+                   headroom=args.headroom, equalize=args.equalize, refine=not args.nearest,
+                   wide=wide_tensors(net, args.wide))
 
 
 def test_samples(names: list[str], kind: Kind) -> list[Sample]:
@@ -123,7 +149,7 @@ def main(argv: list[str]) -> None:
     model = load_float(args.input)
     kind = Kind.of(model.inputs, args.content, args.main)
     assert kind.content in CONTENTS
-    options = options_of(args, kind)
+    options = options_of(args, kind, model.net)
     if args.calib:
         frames = [frame_of(read_picture(path, kind), kind) for path in args.calib]
         names = [f"{p.parent.name}/{p.stem}" for p in args.calib]

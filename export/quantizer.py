@@ -8,7 +8,7 @@ import numpy as np
 
 from export.convolve import taps_3x3
 from export.fit import Fit, make_fit, second_moments
-from export.graph import Layer
+from export.graph import Layer, Net
 from export.reference import INT32, NARROW_MAX, SHIFT_MAX, WIDE_MAX, FloatModel, IntLayer, IntModel
 from export.rounding import Problem, nearest, rounded
 
@@ -27,10 +27,17 @@ class Options:
     percentile: float = 99.99
     headroom: float = 1.2      # factor on those ranges
     wide_headroom: float = 2.0  # and on the range of the last layer's source, where bits abound
+    wide: tuple[str, ...] | None = None  # layers with 15-bit outputs; None: second_last(net)
     equalize: float = 0.5      # 0: one range per tensor ... 1: every channel has its own
     refine: bool = True        # round weights by their effect (rounding.py) instead of to nearest
     correct_bias: bool = True  # remove the mean error of each layer's outputs
     samples: int = 32768       # pixels per layer for the statistics of its inputs
+
+
+def second_last(net: Net) -> tuple[str, ...]:
+    """The source of the last layer's source, whose 8-bit codes would show as bands."""
+    last = {x.name: x for x in net.layers}[net.last.source]
+    return (last.source,) if last.source != "input" else ()
 
 
 def channel_range(values: np.ndarray, method: str, percentile: float) -> float:
@@ -62,7 +69,8 @@ class Quantizer:
     def __init__(self, model: FloatModel, inputs: Sequence[np.ndarray], options: Options,
                  log: Callable[[str], None] = lambda line: None):
         self.source, self.net, self.options, self.log = model, model.net, options, log
-        self.wide = set(self.net.wide) | {self.net.last.name}
+        wide = second_last(self.net) if options.wide is None else options.wide
+        self.wide = set(self.net.wide) | set(wide)
         self.inputs = [np.asarray(x, np.float32) for x in inputs]
         self.floats = [model.maps(x) for x in self.inputs]
         self.codes: list[dict[str, np.ndarray]] = []

@@ -195,6 +195,9 @@ def check_layer(x: IntLayer, file: str) -> None:
             raise ModelError(f"{file}: tensor '{tensor}' is not pair-safe")
     if not (np.isfinite(x.scale).all() and (x.scale >= 0).all() and (x.scale < 0.5).all()):
         raise ModelError(f"{file}: tensor '{name}.scale' has values outside [0, 0.5)")
+    if x.out_max != NARROW_MAX and (x.out_max != WIDE_MAX or x.layer.pool):
+        raise ModelError(f"{file}: tensor '{name}.max' is {x.out_max}, not {NARROW_MAX}"
+                         + ("" if x.layer.pool else f" or {WIDE_MAX}"))
     if not 0 <= x.shift <= SHIFT_MAX:
         raise ModelError(f"{file}: tensor '{name}.shift' is outside 0..{SHIFT_MAX}")
     wide = x.sums(wide=True) * WIDE_MAX + ((1 << x.shift) >> 1)
@@ -209,7 +212,7 @@ def int_model(tensors: Mapping[str, np.ndarray], file: str) -> IntModel:
     net = find_net(tensors, file)
     first = tensors[f"{net.layers[0].name}.weight"]
     channels = {"input": first.shape[1] if first.ndim == 4 else 0}
-    layers = []
+    layers, tops = [], {"input": WIDE_MAX, None: NARROW_MAX}
     for layer in net.layers:
         name, c = layer.name, channels[layer.source]
         o = tensors[f"{name}.bias"].shape[0]
@@ -220,14 +223,15 @@ def int_model(tensors: Mapping[str, np.ndarray], file: str) -> IntModel:
                            (o, channels[layer.skip], 3, 3), file)
         if f"{name}.shift" in tensors:
             shift = _tensor(tensors, f"{name}.shift", np.int32, (1,), file)
+        tops[name] = WIDE_MAX if name in net.wide else NARROW_MAX
+        if f"{name}.max" in tensors:
+            tops[name] = int(_tensor(tensors, f"{name}.max", np.int32, (1,), file)[0])
         layers.append(IntLayer(
             layer,
             _tensor(tensors, f"{name}.weight", np.int8, (rows, c, k, k), file), skip,
             _tensor(tensors, f"{name}.bias", np.int32, (o,), file),
             _tensor(tensors, f"{name}.scale", np.float32, (o,), file), int(shift[0]),
-            WIDE_MAX if layer.source in net.wide else NARROW_MAX,
-            WIDE_MAX if layer.skip in net.wide else NARROW_MAX,
-            WIDE_MAX if name in net.wide or layer == net.last else NARROW_MAX))
+            tops[layer.source], tops[layer.skip], tops[name]))
         check_layer(layers[-1], file)
         channels[name] = o
     scales = [_tensor(tensors, f"{t}.scale", np.float32, (n,), file)

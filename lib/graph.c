@@ -98,16 +98,14 @@ unsigned lull_graph_level(const lull_graph *graph, unsigned tensor)
 
 lull_dtype lull_graph_dtype(const lull_graph *graph, unsigned tensor)
 {
-    unsigned last = graph->layers;
     if (!graph->is_integer || tensor > LULL_MAX_LAYERS)
         return LULL_DTYPE_F32;
     if (graph->family == LULL_FAMILY_K)
         return tensor == LULL_TENSOR_INPUT || lull_layer_is_conv(&graph->layer[tensor - 1])
                    ? LULL_DTYPE_U8
                    : LULL_DTYPE_F32;
-    if (tensor == LULL_TENSOR_INPUT || tensor == last || tensor == graph->layer[last - 1].source[0])
-        return LULL_DTYPE_U15;
-    return LULL_DTYPE_U8;
+    return tensor == LULL_TENSOR_INPUT || graph->layer[tensor - 1].is_wide ? LULL_DTYPE_U15
+                                                                           : LULL_DTYPE_U8;
 }
 
 size_t lull_dtype_bytes(lull_dtype dtype)
@@ -132,6 +130,7 @@ void lull_graph_tensors(lull_layer_tensors *tensors, const lull_layer *layer, co
     lull_tza_find(tza, name, ".bias", &tensors->bias);
     lull_tza_find(tza, name, ".scale", &tensors->scale);
     lull_tza_find(tza, name, ".shift", &tensors->shift);
+    lull_tza_find(tza, name, ".max", &tensors->max);
 }
 
 static int has_shape(const lull_tza_tensor *tensor, char dtype, uint32_t o, uint32_t i,
@@ -295,6 +294,27 @@ static unsigned reach(const lull_graph *graph)
     return (unsigned)lull_align_up(field, align);
 }
 
+/* Family U: which outputs have 15-bit codes. Those of the last layer and its source, unless the file
+ * says otherwise, and those that it names. */
+static lull_status read_widths(lull_graph *graph, const lull_tza *tza)
+{
+    unsigned last = graph->layers;
+    for (unsigned i = 0; i < last; i++) {
+        lull_layer *layer = &graph->layer[i];
+        lull_layer_tensors tensors;
+        int32_t max = i + 1 == last || i + 1 == graph->layer[last - 1].source[0] ? 32767 : 255;
+        lull_graph_tensors(&tensors, layer, tza);
+        if (tensors.max.rank && !has_shape(&tensors.max, 'i', 1, 0, 0))
+            return LULL_ERROR_NETWORK;
+        if (tensors.max.rank)
+            max = lull_tza_int(&tensors.max, 0);
+        if (max != 255 && (max != 32767 || layer->pool))
+            return LULL_ERROR_NETWORK;
+        layer->is_wide = max == 32767;
+    }
+    return LULL_OK;
+}
+
 lull_status lull_graph_build(lull_graph *graph, const lull_tza *tza)
 {
     lull_tza_tensor tensor;
@@ -315,6 +335,8 @@ lull_status lull_graph_build(lull_graph *graph, const lull_tza *tza)
             status = add_head(graph, &heads[i], tza);
     if (status == LULL_OK && graph->family == LULL_FAMILY_K)
         status = add_filters(graph);
+    if (status == LULL_OK && graph->family == LULL_FAMILY_U && graph->is_integer)
+        status = read_widths(graph, tza);
     if (status != LULL_OK)
         return status;
     graph->overlap = reach(graph);

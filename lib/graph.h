@@ -55,6 +55,7 @@ typedef struct lull_layer {
     uint8_t source[LULL_MAX_SOURCES]; /* tensors; LULL_TENSOR_NONE where there are fewer */
     uint8_t reads[LULL_MAX_SOURCES];
     uint16_t outputs; /* channels */
+    uint8_t is_wide;  /* integer models: the output has 15-bit codes */
 } lull_layer;
 
 typedef struct lull_graph {
@@ -71,7 +72,7 @@ typedef struct lull_graph {
 /* The tensors of one layer in a weights file; rank 0 where there is none. In floating-point files
  * the skip's taps are the last input channels of `weight`. */
 typedef struct lull_layer_tensors {
-    lull_tza_tensor weight, skip, bias, scale, shift;
+    lull_tza_tensor weight, skip, bias, scale, shift, max;
 } lull_layer_tensors;
 
 void lull_graph_tensors(lull_layer_tensors *tensors, const lull_layer *layer, const lull_tza *tza);
