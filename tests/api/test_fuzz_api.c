@@ -332,8 +332,11 @@ static void set_usual(dice *d, OIDNFilter filter, int arena)
         else
             oidnUnsetFilterImage(filter, names[i]);
     oidnSetFilterBool(filter, "srgb", false);
-    oidnSetFilterInt(filter, "maxMemoryMB", -1);
-    use_identity(filter, 3 * inputs);
+    oidnSetFilterInt(filter, "maxMemoryMB", chance(d, 60) ? -1 : (int)below(d, 4));
+    if (chance(d, 80))
+        use_identity(filter, 3 * inputs);
+    else
+        oidnUnsetFilterData(filter, "weights"); /* built-in ones, as far as there are */
 }
 
 static bool progress(void *user, double n)
