@@ -202,7 +202,9 @@ def main() -> int:
     if args.list:
         print("\n".join(f"{j.suite}/{j.name}" for j in jobs))
         return 0
-    env = dict(os.environ, LULL_BUILD=str(build), LULL_ROOT=str(ROOT), PYTHON=sys.executable)
+    make = ("MAKEFLAGS", "MFLAGS", "MAKELEVEL")  # a test that runs make starts afresh
+    env = {name: value for name, value in os.environ.items() if name not in make}
+    env |= dict(LULL_BUILD=str(build), LULL_ROOT=str(ROOT), PYTHON=sys.executable)
     env["PYTHONPATH"] = os.pathsep.join(filter(None, [str(ROOT), env.get("PYTHONPATH", "")]))
     total = run_all(jobs, env, args.limit, args.word)
     print(f"{total.passed} passed, {total.failed} failed, {len(total.skips)} skipped")
