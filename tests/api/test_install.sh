@@ -1,0 +1,141 @@
+#!/bin/sh
+# make install into an empty place, then programs that find the library as strangers do: by CMake, by
+# pkg-config (shared and static), as a meson subproject, and from a tree that was moved.
+set -eu
+root=${LULL_ROOT:-$(cd "$(dirname "$0")/../.." && pwd)}
+build=${LULL_BUILD:-$root/build}
+CC=${CC:-cc}
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+passed=0
+failed=0
+skipped=0
+
+ok() { passed=$((passed + 1)); }
+bad() {
+    echo "FAIL $1"
+    [ ! -f "$work/log" ] || tail -20 "$work/log"
+    failed=$((failed + 1))
+}
+skip() {
+    echo "SKIP $1: $2"
+    skipped=$((skipped + 1))
+}
+
+# $1 test, the rest a command
+try() {
+    name=$1
+    shift
+    if "$@" >"$work/log" 2>&1; then ok; else bad "$name"; fi
+}
+
+cat >"$work/main.c" <<'END'
+#include <OpenImageDenoise/oidn.h>
+#include <stdio.h>
+int main(void)
+{
+    OIDNDevice device = oidnNewDevice(OIDN_DEVICE_TYPE_DEFAULT);
+    const char *text = NULL;
+    oidnCommitDevice(device);
+    if (oidnGetDeviceError(device, &text) != OIDN_ERROR_NONE ||
+        oidnGetDeviceInt(device, "version") != OIDN_VERSION)
+        return 1;
+    oidnReleaseDevice(device);
+    puts("denoiser found");
+    return 0;
+}
+END
+cat >"$work/native.c" <<'END'
+#include <lull.h>
+int main(void) { return !(lull_ports_available() & LULL_PORTS_SCALAR); }
+END
+
+prefix=/opt/some/place
+try "make install" "${MAKE:-make}" -C "$root" --no-print-directory install BUILD="$build" \
+    DESTDIR="$work/stage" prefix="$prefix"
+[ "$failed" = 0 ] || { echo "$passed passed, $failed failed, $skipped skipped"; exit 1; }
+tree=$work/stage$prefix
+for file in include/lull.h include/OpenImageDenoise/oidn.h include/OpenImageDenoise/oidn.hpp \
+    include/OpenImageDenoise/config.h include/OpenImageDenoise/namespace.h lib/liblull.a \
+    lib/libOpenImageDenoise.a lib/libOpenImageDenoise.so.2 lib/libOpenImageDenoise.so \
+    lib/pkgconfig/lull.pc lib/pkgconfig/OpenImageDenoise.pc; do
+    if [ -e "$tree/$file" ]; then ok; else bad "installed: $file"; fi
+done
+if grep -rq '@[A-Z_]*@' "$tree/lib/pkgconfig" "$tree/lib/cmake"; then bad "placeholders left"; else ok; fi
+
+# ---- pkg-config -------------------------------------------------------------------------------------
+if command -v pkg-config >/dev/null 2>&1; then
+    export PKG_CONFIG_PATH="$tree/lib/pkgconfig"
+    export PKG_CONFIG_SYSROOT_DIR="$work/stage"
+    for module in OpenImageDenoise lull; do
+        try "pkg-config $module" pkg-config --exists "$module"
+    done
+    try "version of OpenImageDenoise.pc" pkg-config --exact-version=2.5.1 OpenImageDenoise
+    # shellcheck disable=SC2046
+    try "pkg-config: shared" $CC -std=c99 "$work/main.c" -o "$work/shared" \
+        $(pkg-config --cflags --libs OpenImageDenoise) -Wl,-rpath,"$tree/lib"
+    try "pkg-config: runs" "$work/shared"
+    # shellcheck disable=SC2046
+    try "pkg-config: static" $CC -std=c99 "$work/main.c" -o "$work/static" $(pkg-config --cflags \
+        OpenImageDenoise) "$tree/lib/libOpenImageDenoise.a" -pthread
+    try "pkg-config: static runs" "$work/static"
+    # shellcheck disable=SC2046
+    try "pkg-config: lull" $CC -std=c99 "$work/native.c" -o "$work/native" $(pkg-config --cflags --libs lull)
+    try "pkg-config: lull runs" "$work/native"
+else
+    skip pkg-config "pkg-config is not installed"
+fi
+
+# ---- CMake ------------------------------------------------------------------------------------------
+if command -v cmake >/dev/null 2>&1; then
+    mkdir "$work/cmake"
+    cat >"$work/cmake/CMakeLists.txt" <<'END'
+cmake_minimum_required(VERSION 3.13)
+project(consumer C)
+find_package(OpenImageDenoise 2.4 REQUIRED)
+if(NOT OpenImageDenoise_VERSION VERSION_EQUAL 2.5.1 OR NOT OIDN_DEVICE_CPU OR OIDN_DEVICE_CUDA
+   OR NOT OIDN_FILTER_RT OR NOT OIDN_FILTER_RTLIGHTMAP OR OIDN_STATIC_LIB)
+  message(FATAL_ERROR "variables: version ${OpenImageDenoise_VERSION}")
+endif()
+find_package(OpenImageDenoise 3 QUIET)
+if(OpenImageDenoise_FOUND)
+  message(FATAL_ERROR "taken for version 3")
+endif()
+find_package(OpenImageDenoise 2.6 QUIET)
+if(OpenImageDenoise_FOUND)
+  message(FATAL_ERROR "taken for version 2.6")
+endif()
+add_executable(shared ../main.c)
+target_link_libraries(shared OpenImageDenoise)
+add_executable(static ../main.c)
+target_link_libraries(static OpenImageDenoise_static)
+END
+    mv "$tree" "$work/moved" # the package is found wherever the tree lies
+    try "cmake: configures" cmake -S "$work/cmake" -B "$work/cmake/build" -DCMAKE_PREFIX_PATH="$work/moved"
+    try "cmake: builds" cmake --build "$work/cmake/build"
+    try "cmake: shared runs" "$work/cmake/build/shared"
+    try "cmake: static runs" "$work/cmake/build/static"
+    mv "$work/moved" "$tree"
+else
+    skip cmake "optional: cmake is not installed"
+fi
+
+# ---- meson subproject -------------------------------------------------------------------------------
+if command -v meson >/dev/null 2>&1 && command -v ninja >/dev/null 2>&1 && [ -f "$root/meson.build" ]; then
+    mkdir -p "$work/meson/subprojects"
+    ln -s "$root" "$work/meson/subprojects/lull"
+    cp "$work/main.c" "$work/meson/"
+    cat >"$work/meson/meson.build" <<'END'
+project('consumer', 'c', default_options: ['c_std=c99'])
+subproject('lull')
+executable('consumer', 'main.c', dependencies: dependency('OpenImageDenoise'))
+END
+    try "meson: configures" meson setup "$work/meson/build" "$work/meson"
+    try "meson: builds" ninja -C "$work/meson/build" consumer
+    try "meson: runs" "$work/meson/build/consumer"
+else
+    skip meson "optional: meson or ninja is not installed"
+fi
+
+echo "$passed passed, $failed failed, $skipped skipped"
+[ "$failed" = 0 ]
