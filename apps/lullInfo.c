@@ -25,6 +25,14 @@ typedef struct settings {
 /* ---- Processor
  * ----------------------------------------------------------------------------------- */
 
+/* Ports that may be used: LULL_PORTS in the environment names the strongest. */
+static uint32_t allowed_ports(void)
+{
+    const char *name = getenv("LULL_PORTS");
+    uint32_t ports = name ? lull_ports_up_to(name, strlen(name)) : 0;
+    return ports ? ports : LULL_PORTS_ALL;
+}
+
 static void tell_ports(json *report)
 {
     uint32_t available = lull_ports_available();
@@ -35,10 +43,15 @@ static void tell_ports(json *report)
     json_open(report, "ports", '[');
     for (unsigned i = 0; lull_port_name(i); i++) {
         int runs = (available >> i & 1u) != 0;
-        report_line("  %-10s %s\n", lull_port_name(i), runs ? "runs here" : "not on this CPU");
+        int is_allowed = (allowed_ports() >> i & 1u) != 0;
+        report_line("  %-10s %s\n", lull_port_name(i),
+                    !runs        ? "not on this CPU"
+                    : is_allowed ? "runs here"
+                                 : "not allowed by LULL_PORTS");
         json_open(report, NULL, '{');
         json_text(report, "name", lull_port_name(i));
         json_bool(report, "available", runs);
+        json_bool(report, "allowed", is_allowed);
         json_close(report, '}');
     }
     json_close(report, ']');
@@ -108,11 +121,11 @@ static exit_code tell_weights(const settings *s, const char *path, json *report)
     exit_code code = EXIT_OK;
     if (!tza)
         return EXIT_INPUT;
-    model_bytes = lull_model_size(tza, bytes, LULL_PORTS_ALL);
+    model_bytes = lull_model_size(tza, bytes, allowed_ports());
     /* Without a size lull_model_init says what is wrong; 64 KiB are enough for that. */
     memory = aligned(model_bytes ? model_bytes : 65536, &block);
     status = memory ? lull_model_init(&model, memory, model_bytes ? model_bytes : 65536, tza, bytes,
-                                      LULL_PORTS_ALL)
+                                      allowed_ports())
                     : LULL_ERROR_MEMORY;
     if (status)
         code = report_error(EXIT_INPUT, "cannot use the weights '%s': %s", path,

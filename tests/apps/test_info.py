@@ -16,6 +16,14 @@ def test_processor_and_ports(info):
     assert ports["scalar"] is True and report["cpu"]
 
 
+def test_ports_are_pinned_by_the_environment(info, monkeypatch):
+    monkeypatch.setenv("LULL_PORTS", "scalar")
+    ports = info("--json").json["ports"]
+    assert [p["name"] for p in ports if p["allowed"]] == ["scalar"]
+    monkeypatch.delenv("LULL_PORTS")
+    assert all(p["allowed"] for p in info("--json").json["ports"])
+
+
 def test_weights(info, identity):
     report = info(identity[9], "--json", "-s", 640, 480).json["files"][0]
     assert (report["network"], report["inputs"], report["integer"]) == ("unet", 9, False)
