@@ -9,7 +9,7 @@ import pytest
 from training.errors import ToolError
 from training.scenes import backend
 
-pytest.importorskip("mitsuba", reason="the package mitsuba is not installed")
+pytest.importorskip("mitsuba", reason="optional: the package mitsuba is not installed")
 
 FLOOR, SIDE, BACK = (0.3, 0.6, 0.2), (0.7, 0.2, 0.1), (0.1, 0.3, 0.8)
 TINT = (0.9, 0.7, 0.5)

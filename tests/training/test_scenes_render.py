@@ -14,7 +14,7 @@ import pytest
 from training.imageio import read_image
 from training.scan import list_versions
 
-pytest.importorskip("mitsuba", reason="the package mitsuba is not installed")
+pytest.importorskip("mitsuba", reason="optional: the package mitsuba is not installed")
 
 SEED = "20"
 SMALL = ["--size", "16", "--spp", "1,2", "--ref", "4", "--threads", "2"]
