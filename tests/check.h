@@ -3,17 +3,17 @@
  *     static void reads_empty_file(void) { CHECK(open("") == NULL); CHECK_EQ(count(), 0); }
  *     int main(int argc, char **argv)
  *     {
- *         CHECK_MAIN(argc, argv);          // argv[1], if any: run only tests whose name contains it
+ *         CHECK_MAIN(argc, argv);  // argv[1], if any: run only tests whose name contains it
  *         RUN(reads_empty_file);
  *         return check_report();
  *     }
  *
- * One test function is one counted test: it passes if it made at least one check and none failed, it is
- * skipped if it called SKIP. A failure prints one line and the function goes on. The program's last line
- * is `N passed, N failed, N skipped`; its exit status is 1 if a test failed or none ran.
+ * One test function is one counted test: it passes if it made at least one check and none failed,
+ * it is skipped if it called SKIP. A failure prints one line and the function goes on. The program's
+ * last line is `N passed, N failed, N skipped`; its exit status is 1 if a test failed or none ran.
  *
- * A reason for a skip that starts with "optional: " is accepted everywhere; any other one counts as a
- * failure when the environment has CI=true.
+ * A reason for a skip that starts with "optional: " is accepted everywhere; any other one counts as
+ * a failure when the environment has CI=true.
  */
 #ifndef LULL_TESTS_CHECK_H
 #define LULL_TESTS_CHECK_H
@@ -36,7 +36,8 @@ static inline int check_that(int ok, const char *file, int line, const char *tex
     return ok;
 }
 
-static inline int check_equal(long long a, long long b, const char *file, int line, const char *text)
+static inline int check_equal(long long a, long long b, const char *file, int line,
+                              const char *text)
 {
     check_state.checks++;
     if (a != b && check_state.errors++ < 20)

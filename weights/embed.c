@@ -7,8 +7,8 @@
  *     const unsigned char lull_weights_<id>[];       aligned to 64 bytes
  *     const size_t lull_weights_<id>_bytes;
  *
- * A file named by several rows is stored once for each. Errors: one line on stderr, exit status 1, and
- * no output file. */
+ * A file named by several rows is stored once for each. Errors: one line on stderr, exit status 1,
+ * and no output file. */
 #include <errno.h>
 #include <stdio.h>
 #include <stdlib.h>
