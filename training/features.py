@@ -60,8 +60,8 @@ def load_raw(version: Version, feature: str, layers: dict[str, str] | None = Non
     image = _fit(read_image(path), CHANNELS[feature])
     if feature == "hdr" and path.suffix.lower() == ".png":
         raise ToolError(f"{path}: 8 or 16 bit pictures cannot hold 'hdr', name it .ldr.png", DATA)
-    if feature == "ldr" and path.suffix.lower() == ".png":
-        image = color.srgb_inverse(image)  # ldr is linear; PNG holds sRGB codes
+    if feature in ("ldr", "alb") and path.suffix.lower() == ".png":
+        image = color.srgb_inverse(image)  # they are linear; PNG holds sRGB codes
     elif feature == "nrm" and path.suffix.lower() == ".png":
         image = image * 2.0 - 1.0
     return image

@@ -18,6 +18,7 @@ import torch
 
 from training import nets
 from training.errors import STATE, ToolError
+from training.features import main_feature
 from training.imageio import replacing
 from training.settings import Settings, input_channels, output_channels
 
@@ -48,7 +49,9 @@ class Result:
             raise ToolError(f"{path}: cannot read ({e})", STATE) from e
         if not isinstance(values, dict) or "features" not in values:
             raise ToolError(f"{path}: not the settings of a training", STATE)
-        return Settings(values)
+        main = main_feature(values["features"])
+        aux = [f for f in values["features"] if f != main]
+        return Settings({"main_feature": main, "aux_features": aux, "aux_results": [], **values})
 
     def save_config(self, settings: Settings) -> None:
         with replacing(self.folder / "config.json") as tmp:
