@@ -144,6 +144,11 @@ def test_wrong_options(root, tmp_path, extra, code, word):
     assert not list(tmp_path.rglob("*.exr"))
 
 
+def test_missing_llvm(root, tmp_path, monkeypatch):
+    monkeypatch.setenv("DRJIT_LIBLLVM_PATH", str(tmp_path / "libLLVM.so"))
+    one_line(command(root, "render", tmp_path / "out", *SMALL), 6, "DRJIT_LIBLLVM_PATH")
+
+
 def test_unwritable_output(root, tmp_path):
     (tmp_path / "file").write_text("")
     one_line(command(root, "render", tmp_path / "file" / "out", *SMALL), 5, "file")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import glob
 import os
 from types import ModuleType
@@ -41,9 +42,14 @@ def load(variant: str = "llvm_ad_rgb", threads: int = 0) -> ModuleType:
     """
     if variant not in VARIANTS:
         raise ToolError(f"--variant: {variant!r} is none of {', '.join(VARIANTS)}", USAGE)
-    if variant.startswith("llvm") and not os.environ.get("DRJIT_LIBLLVM_PATH"):
-        path = find_llvm()
-        if path:
+    if variant.startswith("llvm"):
+        path = os.environ.get("DRJIT_LIBLLVM_PATH") or find_llvm()
+        if path:  # without one Dr.Jit looks in places of its own
+            try:
+                ctypes.CDLL(path)
+            except OSError as err:
+                raise ToolError(f"--variant {variant}: DRJIT_LIBLLVM_PATH: {err}",
+                                DEPENDENCY) from None
             os.environ["DRJIT_LIBLLVM_PATH"] = path
     try:
         import mitsuba as mi
