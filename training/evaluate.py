@@ -102,16 +102,16 @@ def evaluate(case: Case, path: Path, denoiser: Denoiser, binary: Path | None,
     return row
 
 
-def table(rows: list[dict]) -> list[str]:
-    """Markdown: one line per case, then means; metrics as noisy -> lull (OIDN)."""
+def table(rows: list[dict], pictures: list[dict]) -> list[str]:
+    """Markdown: one line per row, then the means over all pictures."""
     oidn = all("oidn" in r for r in rows)
     methods = ["noisy", "lull"] + (["oidn"] if oidn else [])
     metric = list(rows[0]["lull"])
     titles = {"noisy": "noisy", "lull": "lull", "oidn": "OIDN 2.5.1"}
     head = [f"{n.upper()} {titles[m]}" for n in metric for m in methods]
     lines = ["| picture | " + " | ".join(head) + " |", "|---|" + "---:|" * len(head)]
-    mean = {"case": f"**mean of {len(rows)}**"} | {
-        m: {n: float(np.mean([r[m][n] for r in rows])) for n in metric} for m in methods}
+    mean = {"case": f"**mean of {len(pictures)}**"} | {
+        m: {n: float(np.mean([r[m][n] for r in pictures])) for n in metric} for m in methods}
     for r in [*rows, mean]:
         cells = [f"{r[m][n]:.2f}" if n == "psnr" else f"{r[m][n]:.4f}"
                  for n in metric for m in methods]
@@ -198,7 +198,8 @@ def main(argv: list[str]) -> None:
                 continue
             print(verdict(rows))
             short = by_spp(rows) if title.startswith("held out") else rows
-            lines += [f"**{title}** ({len(rows)} pictures)", "", *table(short), "", verdict(rows)]
+            lines += [f"**{title}** ({len(rows)} pictures)", "", *table(short, rows), "",
+                      verdict(rows)]
             lines += [""]
             figures += [{"weights": path.name, "set": title, **r} for r in rows]
     if args.json:
