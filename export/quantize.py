@@ -97,7 +97,7 @@ def arguments() -> argparse.ArgumentParser:
 
 
 def wide_tensors(net: Net, names: list[str] | None) -> tuple[str, ...]:
-    """Layers with 15-bit outputs beside the compulsory ones: those named, or what `Options` says."""
+    """Layers with 15-bit outputs beside the compulsory ones: those named, else the usual one."""
     if names is None:
         return second_last(net)
     for layer in net.layers:

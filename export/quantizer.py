@@ -22,7 +22,7 @@ class Options:
     """What the quantiser may choose; the defaults are the best of docs/quantisation.md."""
 
     input_top: float = 1.25    # network value of the main input's largest code
-    output_top: float = 1.25   # the same for the output
+    output_top: float = 1.25   # the same for the output, unless calibration goes further
     ranges: str = "max"        # of narrow tensors from calibration: see `channel_range`
     percentile: float = 99.99
     headroom: float = 1.2      # factor on those ranges
@@ -100,7 +100,8 @@ class Quantizer:
             tops[:3] = o.input_top  # the main image; auxiliary ones lie in [0,1]
             return tops / WIDE_MAX
         if name == self.net.last.name:
-            return np.full(channels, o.output_top / WIDE_MAX)
+            most = max(float(m[name].max(initial=0)) for m in self.floats)
+            return np.full(channels, max(o.output_top, most) / WIDE_MAX)
         values = np.concatenate([m[name].reshape(-1, channels) for m in self.floats])
         own = np.array([channel_range(values[:, c], o.ranges, o.percentile)
                         for c in range(channels)])
