@@ -9,8 +9,7 @@
 #include "layers.h"
 #include "platform.h"
 
-/* ---- Session
- * ------------------------------------------------------------------------------------- */
+/* ---- Session --------------------------------------------------------------------------------- */
 
 /* Progress on stderr for a person; stops on an interrupt. */
 static bool on_progress(void *user, double n)
@@ -60,8 +59,7 @@ void denoise_end(denoise_session *session)
     memset(session, 0, sizeof *session);
 }
 
-/* ---- One frame
- * ----------------------------------------------------------------------------------- */
+/* ---- One frame ------------------------------------------------------------------------------- */
 
 typedef struct frame_job {
     denoise_session *session;

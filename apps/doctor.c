@@ -56,8 +56,7 @@ static void examine_values(findings *out, const image *img, image_role role, int
             negative, percent(negative, n));
 }
 
-/* ---- Albedo and normals
- * -------------------------------------------------------------------------- */
+/* ---- Albedo and normals ---------------------------------------------------------------------- */
 
 static void examine_albedo(findings *out, const image *img)
 {
@@ -114,8 +113,7 @@ static void examine_normals(findings *out, const image *img)
             percent(longer, used));
 }
 
-/* ---- High or low dynamic range
- * ------------------------------------------------------------------- */
+/* ---- High or low dynamic range --------------------------------------------------------------- */
 
 /* How the values look like those of an 8-bit file: 0 not, 1 as stored, 2 after the sRGB curve. */
 static int find_steps(const image *img)
@@ -181,8 +179,7 @@ static void examine_range(findings *out, const image *img, doctor_content conten
     }
 }
 
-/* ---- Noise and alignment
- * ------------------------------------------------------------------------- */
+/* ---- Noise and alignment --------------------------------------------------------------------- */
 
 static void examine_noise(findings *out, const image *color, const image *albedo,
                           const image *normal)

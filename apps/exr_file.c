@@ -117,8 +117,7 @@ image_status exr_file_fail(const exr_file *file, exr_result_t result, image_stat
     return image_fail(error, status, "OpenEXR: %s", text);
 }
 
-/* ---- Chunks
- * -------------------------------------------------------------------------------------- */
+/* ---- Chunks ---------------------------------------------------------------------------------- */
 
 exr_result_t exr_chunks_begin(exr_chunks *chunks, exr_context_t context, int part)
 {

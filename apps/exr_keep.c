@@ -77,8 +77,7 @@ static image_status match_channels(keeper *k, image_error *error)
     return IMAGE_OK;
 }
 
-/* ---- Headers
- * ------------------------------------------------------------------------------------- */
+/* ---- Headers --------------------------------------------------------------------------------- */
 
 /* 1 if decoding and encoding again with this compression gives the same values. */
 static int is_lossless(exr_compression_t compression)
@@ -169,8 +168,7 @@ static exr_result_t write_headers(keeper *k, int parts)
     return result ? result : exr_write_header(k->out.context);
 }
 
-/* ---- Parts copied as they are
- * -------------------------------------------------------------------- */
+/* ---- Parts copied as they are ---------------------------------------------------------------- */
 
 /* A buffer that grows. */
 typedef struct bytes {
@@ -291,8 +289,7 @@ static exr_result_t copy_part(keeper *k, int part)
     return result;
 }
 
-/* ---- The changed part
- * ---------------------------------------------------------------------------- */
+/* ---- The changed part ------------------------------------------------------------------------ */
 
 /* Writes the image's pixels of the current chunk into the planes of the channels that it replaces.
  */

@@ -77,8 +77,7 @@ int image_path_is_integer(const char *path)
     return format && format->is_integer;
 }
 
-/* ---- Images
- * -------------------------------------------------------------------------------------- */
+/* ---- Images ---------------------------------------------------------------------------------- */
 
 size_t image_pixel_bytes(const image *img)
 {
@@ -169,8 +168,7 @@ void image_set_row(image *img, size_t y, const float *values)
     }
 }
 
-/* ---- Curves
- * -------------------------------------------------------------------------------------- */
+/* ---- Curves ---------------------------------------------------------------------------------- */
 
 float srgb_encode(float x)
 {
@@ -196,8 +194,7 @@ void image_decode_srgb(image *img) { map_values(img, srgb_decode); }
 void image_encode_signed(image *img) { map_values(img, signed_encode); }
 void image_decode_signed(image *img) { map_values(img, signed_decode); }
 
-/* ---- Files
- * --------------------------------------------------------------------------------------- */
+/* ---- Files ----------------------------------------------------------------------------------- */
 
 /* "not a picture of a known format" with a hint where the beginning is telling. */
 static image_status unknown_format(const unsigned char *head, size_t bytes, image_error *error)

@@ -13,8 +13,7 @@
 #include "half.h"
 #include "layers.h"
 
-/* ---- The channels of a file
- * ---------------------------------------------------------------------- */
+/* ---- The channels of a file ------------------------------------------------------------------ */
 
 typedef struct channel_entry {
     int part, index; /* place in that part's list */
@@ -142,8 +141,7 @@ static layer_match choose(const channel_list *list, const image_request *request
     return match;
 }
 
-/* ---- Reading
- * ------------------------------------------------------------------------------------- */
+/* ---- Reading --------------------------------------------------------------------------------- */
 
 typedef struct reader {
     exr_file file;
@@ -294,8 +292,7 @@ image_status image_read_exr(image *out, FILE *file, const image_request *request
     return status;
 }
 
-/* ---- Writing a file of its own
- * ------------------------------------------------------------------- */
+/* ---- Writing a file of its own --------------------------------------------------------------- */
 
 #define LINES 16 /* of a ZIP chunk */
 

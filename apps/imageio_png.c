@@ -43,8 +43,7 @@ static void job_free(png_job *job)
     free(job->values);
 }
 
-/* ---- Reading
- * ------------------------------------------------------------------------------------- */
+/* ---- Reading --------------------------------------------------------------------------------- */
 
 /* After this, rows are 8 or 16 bit (big endian) grey, grey + alpha, RGB or RGBA. */
 static void set_transforms(png_job *job)
@@ -149,8 +148,7 @@ image_status image_read_png(image *out, FILE *file, const image_request *request
     return status;
 }
 
-/* ---- Writing
- * ------------------------------------------------------------------------------------- */
+/* ---- Writing --------------------------------------------------------------------------------- */
 
 /* Nearest integer; NaN is 0. */
 static unsigned quantise(float v, float scale)

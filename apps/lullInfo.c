@@ -22,8 +22,7 @@ typedef struct settings {
     int is_json, is_help;
 } settings;
 
-/* ---- Processor
- * ----------------------------------------------------------------------------------- */
+/* ---- Processor ------------------------------------------------------------------------------- */
 
 /* Ports that may be used: LULL_PORTS in the environment names the strongest. */
 static uint32_t allowed_ports(void)
@@ -57,8 +56,7 @@ static void tell_ports(json *report)
     json_close(report, ']');
 }
 
-/* ---- Weights
- * ------------------------------------------------------------------------------------- */
+/* ---- Weights --------------------------------------------------------------------------------- */
 
 static int is_weights(const char *path)
 {
@@ -137,8 +135,7 @@ static exit_code tell_weights(const settings *s, const char *path, json *report)
     return code;
 }
 
-/* ---- Images
- * -------------------------------------------------------------------------------------- */
+/* ---- Images ---------------------------------------------------------------------------------- */
 
 static void tell_values(const image *img, json *report)
 {
@@ -213,8 +210,7 @@ static exit_code tell_image(const char *path, json *report)
     return EXIT_OK;
 }
 
-/* ---- Comparison
- * ---------------------------------------------------------------------------------- */
+/* ---- Comparison ------------------------------------------------------------------------------ */
 
 static float luminance_at(const image *img, size_t pixel)
 {
@@ -307,8 +303,7 @@ static exit_code tell_comparison(const settings *s, const image *reference, floa
     return EXIT_OK;
 }
 
-/* ---- Main
- * ---------------------------------------------------------------------------------------- */
+/* ---- Main ------------------------------------------------------------------------------------ */
 
 static int add_file(void *user, const char *path)
 {

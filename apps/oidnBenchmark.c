@@ -36,8 +36,7 @@ typedef struct settings {
     int is_in_place, is_json, is_list, is_device_list, is_help;
 } settings;
 
-/* ---- What there is to run
- * ------------------------------------------------------------------------ */
+/* ---- What there is to run -------------------------------------------------------------------- */
 
 typedef struct benchmark {
     const char *name, *filter;
@@ -106,8 +105,7 @@ static exit_code print_name(void *user, const benchmark *b, frame_size size, con
     return EXIT_OK;
 }
 
-/* ---- One benchmark
- * ------------------------------------------------------------------------------- */
+/* ---- One benchmark --------------------------------------------------------------------------- */
 
 #define IMAGES 4 /* three inputs and the output */
 
@@ -337,8 +335,7 @@ static exit_code run(const settings *s)
     return code;
 }
 
-/* ---- Options
- * ------------------------------------------------------------------------------------- */
+/* ---- Options --------------------------------------------------------------------------------- */
 
 static int set_device(void *user, const char *const *v)
 {

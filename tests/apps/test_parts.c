@@ -15,8 +15,7 @@
 #include "platform.h"
 #include "sequence.h"
 
-/* ---- Half precision
- * ------------------------------------------------------------------------------ */
+/* ---- Half precision -------------------------------------------------------------------------- */
 
 static void half_to_float_and_back_is_exact(void)
 {
@@ -58,8 +57,7 @@ static void half_rounds_to_nearest_even(void)
     CHECK_EQ(half_from_float(-INFINITY), 0xfc00);
 }
 
-/* ---- Layers
- * -------------------------------------------------------------------------------------- */
+/* ---- Layers ---------------------------------------------------------------------------------- */
 
 static int is_at(layer_match m, size_t a, size_t b, size_t c)
 {
@@ -104,8 +102,7 @@ static void layers_of_one_name_stay_together(void)
     CHECK(is_at(layers_find(IMAGE_COLOR, names + 5, 3), 0, 1, 2)); /* an unknown colour */
 }
 
-/* ---- Command lines
- * ------------------------------------------------------------------------------- */
+/* ---- Command lines --------------------------------------------------------------------------- */
 
 typedef struct sample {
     int flag, number, word;
@@ -213,8 +210,7 @@ static void patterns_match_whole_texts(void)
     CHECK(pattern_error("a**") && pattern_error("a\\") && !pattern_error("(a|b)*c?"));
 }
 
-/* ---- Sequences, JSON
- * ----------------------------------------------------------------------------- */
+/* ---- Sequences, JSON ------------------------------------------------------------------------- */
 
 static void check_path(const char *pattern, int frame, const char *expected)
 {
@@ -265,8 +261,7 @@ static void json_is_escaped(void)
     free(j.text);
 }
 
-/* ---- Images
- * -------------------------------------------------------------------------------------- */
+/* ---- Images ---------------------------------------------------------------------------------- */
 
 static void comparison_counts_outliers(void)
 {
