@@ -13,7 +13,17 @@ lull_content_rule lull_exec_content(const lull_frame *frame)
         {LULL_TRANSFER_LINEAR, 0, 1}, /* LIGHTMAP_DIR */
     };
     static const lull_content_rule normals = {LULL_TRANSFER_LINEAR, 0, 1};
-    return frame->features == LULL_HAS_NORMAL ? normals : rules[frame->content];
+    lull_content_rule rule = frame->features == LULL_HAS_NORMAL ? normals : rules[frame->content];
+    if (frame->trained_for)
+        rule.transfer = rules[frame->trained_for - 1].transfer;
+    return rule;
+}
+
+/* The network sees linear light, but the main image is sRGB-encoded. */
+static int is_decoded(const lull_plan *plan)
+{
+    return plan->frame.content == LULL_SRGB &&
+           (plan->frame.trained_for || plan->model->graph.family == LULL_FAMILY_K);
 }
 
 const lull_image *lull_exec_feature(const lull_images *images, unsigned feature)
@@ -65,6 +75,8 @@ static void load_direct(const lull_task *t, float *block, unsigned x, unsigned y
         if (!(plan->frame.features >> feature & 1))
             continue;
         load_feature(block, t, feature, at == 0, x, y - t->base_row, n);
+        if (at == 0 && is_decoded(plan))
+            lull_transfer_inverse(LULL_TRANSFER_SRGB, block, 3 * (size_t)n);
         if (at == 0)
             lull_transfer_forward(lull_exec_content(&plan->frame).transfer, block, 3 * (size_t)n);
         put_input(plan, row, block, at, n);
@@ -82,7 +94,7 @@ static void load_kernel(const lull_task *t, float *block, unsigned x, unsigned y
     float *albedo = lull_exec_floats(plan, LULL_TENSOR_ALBEDO, y, column);
     float *aux[3] = {NULL, NULL, NULL};
     load_feature(radiance, t, main_feature, 1, x, y - t->base_row, n);
-    if (plan->frame.content == LULL_SRGB)
+    if (is_decoded(plan))
         lull_transfer_inverse(LULL_TRANSFER_SRGB, radiance, 3 * (size_t)n);
     for (unsigned feature = main_feature + 1; feature < 3; feature++) {
         if (!(features >> feature & 1))
@@ -163,7 +175,7 @@ static void finish(float *v, const lull_plan *plan, unsigned channels, unsigned 
     lull_sanitize(v, 3 * (size_t)n, 1.0f, 0.0f, LULL_FLT_MAX);
     if (plan->model->graph.family == LULL_FAMILY_U)
         lull_transfer_inverse(rule.transfer, v, 3 * (size_t)n);
-    else if (plan->frame.content == LULL_SRGB)
+    if (is_decoded(plan))
         lull_transfer_forward(LULL_TRANSFER_SRGB, v, 3 * (size_t)n);
     for (unsigned i = 0; channels == 1 && i < n; i++)
         v[3 * i] = (v[3 * i] + v[3 * i + 1] + v[3 * i + 2]) / 3.0f;

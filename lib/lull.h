@@ -136,6 +136,8 @@ typedef struct lull_frame {
     unsigned row_step; /* rows computed together; 0: chosen. Larger is faster and needs more memory
                         */
     unsigned strip_width; /* columns computed together; 0: chosen (all if max_bytes permits) */
+    unsigned trained_for; /* 0: direct networks see the content's own transfer function; else that
+                           * of the content trained_for - 1, for weights made for other content */
 } lull_frame;
 
 /* A frame with everything else zero. */

@@ -244,7 +244,8 @@ static lull_status start(lull_plan *plan, const lull_frame *frame, const lull_mo
     unsigned align, features = 0;
     if (!frame || !model || frame->width > LULL_MAX_SIZE || frame->height > LULL_MAX_SIZE ||
         (unsigned)frame->content >= LULL_CONTENT_COUNT || !(frame->features & 7) ||
-        frame->features > 7 || frame->threads > 65536 || frame->strip_width > LULL_MAX_SIZE)
+        frame->features > 7 || frame->threads > 65536 || frame->strip_width > LULL_MAX_SIZE ||
+        frame->trained_for > LULL_CONTENT_COUNT)
         return LULL_ERROR_ARGUMENT;
     for (unsigned i = 0; i < 3; i++)
         features += frame->features >> i & 1;

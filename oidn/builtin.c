@@ -50,6 +50,15 @@ static unsigned count_bits(unsigned x)
     return n;
 }
 
+static unsigned first_bit(unsigned x)
+{
+    unsigned n = 0;
+
+    while (x && !(x >> n & 1))
+        n++;
+    return n;
+}
+
 /* Inputs that the model would take from a frame with `features`; 0 if it cannot be used. */
 static unsigned usable_features(const builtin *b, unsigned features)
 {
@@ -108,6 +117,8 @@ bool lull_builtin_select(OIDNDevice device, lull_frame *frame, bool clean_aux, O
         !lull_weights_load(weights, builtins[best].data, *builtins[best].bytes, device->ports, fault))
         return false;
     frame->features = usable_features(&builtins[best], frame->features);
+    if (!(builtins[best].contents >> frame->content & 1))
+        frame->trained_for = 1 + first_bit(builtins[best].contents);
     *model = weights->model;
     *bytes = weights->bytes;
     return true;
