@@ -420,6 +420,53 @@ static void commit_rules(void)
     oidnReleaseDevice(device);
 }
 
+/* Every accepted combination with built-in weights leaves a grey image about as it is. */
+static void builtin_outputs(void)
+{
+    enum { SIZE = 40 };
+    OIDNDevice device;
+    size_t i, k;
+
+    if (!has_builtin()) {
+        SKIP("there are no built-in weights");
+        return;
+    }
+    device = new_device();
+    for (i = 0; i < COUNT(commits); i++) {
+        static const char *const names[] = {"color", "albedo", "normal", "output"};
+        const int formats[] = {commits[i].color, commits[i].albedo, commits[i].normal, commits[i].output};
+        OIDNFilter filter;
+        float low = 9, high = -9;
+
+        if (commits[i].error != NONE || commits[i].output != F3)
+            continue;
+        filter = oidnNewFilter(device, commits[i].type);
+        for (k = 0; k < 3 * SIZE * SIZE; k++) {
+            pixels[0][k] = pixels[1][k] = 0.5f;
+            pixels[2][k] = 0.57735f;
+            pixels[3][k] = -1;
+        }
+        for (k = 0; k < 4; k++)
+            if (formats[k])
+                oidnSetSharedFilterImage(filter, names[k], pixels[k], F3, SIZE, SIZE, 0, 0, 0);
+        oidnSetFilterBool(filter, "hdr", strchr(commits[i].flags, 'h') != NULL);
+        oidnSetFilterBool(filter, "srgb", strchr(commits[i].flags, 's') != NULL);
+        oidnSetFilterBool(filter, "cleanAux", strchr(commits[i].flags, 'c') != NULL);
+        oidnSetFilterBool(filter, "directional", strchr(commits[i].flags, 'd') != NULL);
+        oidnCommitFilter(filter);
+        oidnExecuteFilter(filter);
+        ERROR(device, NONE);
+        for (k = 0; k < 3 * SIZE * SIZE; k++) {
+            low = pixels[3][k] < low ? pixels[3][k] : low;
+            high = pixels[3][k] > high ? pixels[3][k] : high;
+        }
+        if (!CHECK(low > 0.25f && high < 0.85f))
+            printf("  row %u: %g to %g\n", (unsigned)i, low, high);
+        oidnReleaseFilter(filter);
+    }
+    oidnReleaseDevice(device);
+}
+
 /* With weights of the caller the number of inputs decides. */
 static void commit_user_weights(void)
 {
@@ -719,6 +766,7 @@ int main(int argc, char **argv)
     RUN(image_rules);
     RUN(shared_image_rules);
     RUN(commit_rules);
+    RUN(builtin_outputs);
     RUN(commit_user_weights);
     RUN(commit_repaired);
     RUN(what_dirties);
