@@ -129,6 +129,18 @@ image_status image_begin(image *out, const image_request *request, uint64_t widt
                         request->type == IMAGE_ANY ? stored : request->type, error);
 }
 
+#define DEFLATE_MOST 1032 /* bytes that one byte of a deflate stream can stand for */
+
+image_status image_check_plausible(FILE *file, double pixel_bytes, image_error *error)
+{
+    int64_t size = platform_file_size(file);
+    if (size < 0 || pixel_bytes <= (double)size * DEFLATE_MOST + 65536)
+        return IMAGE_OK;
+    return image_fail(error, IMAGE_ERROR_DATA,
+                      "truncated: the header says %.0f bytes of pixels, the file has %.0f",
+                      pixel_bytes, (double)size);
+}
+
 float image_get(const image *img, size_t index)
 {
     if (img->type == IMAGE_HALF)

@@ -149,6 +149,10 @@ void image_decode_signed(image *img);
 image_status image_begin(image *out, const image_request *request, uint64_t width, uint64_t height,
                          unsigned channels, image_type stored, image_error *error);
 
+/* Fails if a file is too short to hold that many bytes of pixels, however well they were deflated.
+ */
+image_status image_check_plausible(FILE *file, double pixel_bytes, image_error *error);
+
 typedef struct image_format {
     const char *extension;
     const char *name;

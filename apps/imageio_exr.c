@@ -174,6 +174,7 @@ static image_status reader_begin(reader *r, image *out, const channel_list *list
     int part = list->entries[match.channels[0]].part;
     const exr_attr_chlist_t *channels;
     image_type stored = IMAGE_HALF;
+    uint64_t width, height;
     image_status status;
     exr_result_t result = exr_get_channels(r->file.context, part, &channels);
 
@@ -197,10 +198,12 @@ static image_status reader_begin(reader *r, image *out, const channel_list *list
         r->taken[c] = index;
         r->wanted[index] = 1;
     }
-    status = image_begin(out, request,
-                         (uint64_t)((int64_t)r->chunks.window.max.x - r->chunks.window.min.x + 1),
-                         (uint64_t)((int64_t)r->chunks.window.max.y - r->chunks.window.min.y + 1),
-                         match.count, stored, error);
+    width = (uint64_t)((int64_t)r->chunks.window.max.x - r->chunks.window.min.x + 1);
+    height = (uint64_t)((int64_t)r->chunks.window.max.y - r->chunks.window.min.y + 1);
+    /* Some compressions encode runs before they deflate: 1/64. */
+    status = image_check_plausible(r->file.stream, (double)width * (double)height / 64, error);
+    if (!status)
+        status = image_begin(out, request, width, height, match.count, stored, error);
     if (status)
         return status;
     out->is_layered = 1;

@@ -78,7 +78,7 @@ static void store_row(png_job *job, image *out, size_t y, const unsigned char *b
     image_set_row(out, y, job->values);
 }
 
-static image_status read_pixels(png_job *job, image *out, const image_request *request)
+static image_status read_pixels(png_job *job, image *out, FILE *file, const image_request *request)
 {
     unsigned stored, is_interlaced;
     size_t width, height, row_bytes;
@@ -91,6 +91,9 @@ static image_status read_pixels(png_job *job, image *out, const image_request *r
     set_transforms(job);
     stored = png_get_channels(job->png, job->info);
     row_bytes = png_get_rowbytes(job->png, job->info);
+    status = image_check_plausible(file, (double)row_bytes * (double)height, job->error);
+    if (status)
+        return status;
     status = image_begin(out, request, width, height, stored > 2 ? 3 : 1, IMAGE_FLOAT, job->error);
     if (status)
         return status;
@@ -124,7 +127,7 @@ static image_status read_guarded(png_job *job, image *out, FILE *file, const ima
         return job->error->status;
     png_init_io(job->png, file);
     png_set_user_limits(job->png, IMAGE_MAX_SIZE, IMAGE_MAX_SIZE);
-    return read_pixels(job, out, request);
+    return read_pixels(job, out, file, request);
 }
 
 image_status image_read_png(image *out, FILE *file, const image_request *request,

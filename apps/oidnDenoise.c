@@ -1,5 +1,6 @@
 /* oidnDenoise: denoises images, with the options and result lines of Open Image Denoise's program
  * of that name. docs/apps.md is its manual. */
+#include <stdlib.h>
 #include <string.h>
 
 #include "denoise.h"
@@ -53,6 +54,7 @@ static exit_code run(const denoise_settings *settings)
     json_close(&report, '}');
     if (settings->is_json)
         json_print(&report);
+    free(report.text);
     return code;
 }
 
