@@ -19,6 +19,7 @@ from __future__ import annotations
 import argparse
 import os
 import re
+import signal
 import subprocess
 import sys
 import tempfile
@@ -86,15 +87,21 @@ def suite_of_programs() -> dict[str, str]:
 def run_command(command: list[str], env: dict[str, str], limit: float) -> tuple[int, str]:
     """Exit status (-1: past the time limit) and everything printed."""
     try:
-        done = subprocess.run(command, cwd=ROOT, env=env, stdin=subprocess.DEVNULL, timeout=limit,
-                              stdout=subprocess.PIPE, stderr=subprocess.STDOUT, errors="replace")
-    except subprocess.TimeoutExpired as late:
-        text = late.stdout or ""
-        text = text.decode(errors="replace") if isinstance(text, bytes) else text
-        return -1, f"{text}\nstopped after {limit:.0f} s"
+        process = subprocess.Popen(command, cwd=ROOT, env=env, stdin=subprocess.DEVNULL,
+                                   stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+                                   errors="replace", start_new_session=True)
     except OSError as error:
         return -1, f"cannot run {command[0]}: {error}"
-    return done.returncode, done.stdout
+    try:
+        output, _ = process.communicate(timeout=limit)
+    except subprocess.TimeoutExpired:
+        os.killpg(process.pid, signal.SIGKILL)  # with all that it has started
+        output, _ = process.communicate()
+        return -1, f"{output}\nstopped after {limit:.0f} s"
+    except BaseException:
+        os.killpg(process.pid, signal.SIGKILL)
+        raise
+    return process.returncode, output
 
 
 def run_counted(job: Job, env: dict[str, str], limit: float) -> Result:
