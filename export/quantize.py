@@ -25,7 +25,7 @@ from export.calibrate import (
 )
 from export.graph import Net, find_net
 from export.pixels import CONTENTS
-from export.quantizer import RANGES, Options, Quantizer, second_last
+from export.quantizer import RANGES, Options, Quantizer, second_last, transfer_top
 from export.reference import (
     NARROW_MAX,
     WIDE_MAX,
@@ -38,8 +38,6 @@ from export.tza import Writer
 from training import errors
 from training.errors import STATE, USAGE, ToolError
 from training.imageio import read_image, replacing
-
-OUTPUT_TOPS = {"hdr": 1.25, "lightmap-hdr": 1.25}  # network values of the largest code, other: 1
 
 
 def integer_tensors(model: IntModel) -> dict[str, np.ndarray]:
@@ -113,7 +111,7 @@ def options_of(args: argparse.Namespace, kind: Kind, net: Net) -> Options:
     for name, low, high in (("percentile", 50, 100), ("headroom", 0.1, 10), ("equalize", 0, 1)):
         if not low <= getattr(args, name) <= high:
             raise ToolError(f"--{name} must be from {low} to {high}", USAGE)
-    top = OUTPUT_TOPS.get(kind.content, 1.0)
+    top = transfer_top(kind.content)
     return Options(input_top=top, output_top=top, ranges=args.ranges, percentile=args.percentile,
                    headroom=args.headroom, equalize=args.equalize, refine=not args.nearest,
                    wide=wide_tensors(net, args.wide))

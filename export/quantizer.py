@@ -34,6 +34,12 @@ class Options:
     samples: int = 32768       # pixels per layer for the statistics of its inputs
 
 
+def transfer_top(content: str) -> float:
+    """Network value of the largest code of the main image. 1 is the radiance 65504 times the
+    exposure; HDR content may go beyond where the exposure is large, other content does not."""
+    return 1.25 if content in ("hdr", "lightmap-hdr") else 1.0
+
+
 def second_last(net: Net) -> tuple[str, ...]:
     """The source of the last layer's source, whose 8-bit codes would show as bands."""
     last = {x.name: x for x in net.layers}[net.last.source]

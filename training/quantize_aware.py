@@ -1,0 +1,218 @@
+#!/usr/bin/env python3
+"""Fine-tune a model as what it will be: integers. Where post-training quantisation loses too much.
+
+    python -m training.quantize_aware IN.tza OUT.tza -D data -t train [--steps 500]
+
+IN.tza is quantised as export.quantize does it, on pictures of the data set; then weights and biases
+are trained on the folded graph with every rounding of docs/arithmetic.md in place (gradients pass
+roundings as if they were not there). `IntegerNet` computes in double precision exactly what the
+integer executors compute, to the bit.
+"""
+from __future__ import annotations
+
+if __name__ == "__main__" and not __package__:  # run as a file: go on as a module
+    import runpy
+    import sys
+    sys.path[0] = __file__.rpartition("training")[0] or ".."
+    sys.exit(runpy.run_module("training.quantize_aware", run_name="__main__", alter_sys=True))
+
+import argparse
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+
+from export.calibrate import add_kind
+from export.pairs import WEIGHT_MAX, safe
+from export.quantize import integer_tensors, load_float, write_integer
+from export.quantizer import Options, Quantizer, transfer_top
+from export.reference import NARROW_MAX, WIDE_MAX, IntLayer, IntModel, check_layer
+from training import errors
+from training.data import Augment, Batches, from_raw
+from training.errors import DATA, STATE, USAGE, ToolError
+from training.loss import make_loss
+from training.scan import scan
+
+TRANSFERS = {"hdr": "pu", "ldr": "srgb", "srgb": "linear", "lightmap-hdr": "log"}
+CALIBRATION = 12  # pictures of the data set
+
+
+def through(exact: Tensor, smooth: Tensor) -> Tensor:
+    """The value of `exact`, the gradient of `smooth`."""
+    return smooth + (exact - smooth).detach()
+
+
+def rounded_weights(weight: Tensor, narrow: bool) -> Tensor:
+    """Integers near `weight` [O,C,k,k] within the bounds, pair-safe on narrow inputs."""
+    wish = weight.detach().cpu().double().numpy()
+    whole = np.clip(np.rint(wish), -WEIGHT_MAX, WEIGHT_MAX)
+    whole = safe(whole, wish) if narrow else whole
+    return through(torch.from_numpy(whole.astype(np.float64)).to(weight), weight)
+
+
+class IntegerLayer(nn.Module):
+    """A layer in accumulator units: `weight` and `skip` are integers to be, and so is `bias`."""
+
+    def __init__(self, source: IntLayer):
+        super().__init__()
+        self.source, self.layer = source, source.layer
+        self.weight = nn.Parameter(torch.from_numpy(source.weight.astype(np.float64)))
+        self.skip = None
+        if source.skip is not None:
+            self.skip = nn.Parameter(torch.from_numpy(source.skip.astype(np.float64)))
+        self.bias = nn.Parameter(torch.from_numpy(source.bias.astype(np.float64)))
+        self.register_buffer("scale", torch.from_numpy(source.scale.astype(np.float64)))
+        self.register_buffer("multiplier", torch.from_numpy(source.multiplier()))
+
+    def _sums(self, x: Tensor, weight: Tensor) -> Tensor:
+        """[N,O,H,W] of a 3x3 convolution, or of the phases of an upsampled source."""
+        if weight.shape[-1] == 3:
+            return F.conv2d(x, weight, padding=1)
+        n, _, h, w = x.shape
+        o = len(weight) // 4
+        y = F.conv2d(F.pad(x, (1, 1, 1, 1)), weight)  # [N,4*O,h+1,w+1]
+        phases = [y[:, p * o:(p + 1) * o, p >> 1:h + (p >> 1), p & 1:w + (p & 1)]
+                  for p in range(4)]
+        y = torch.stack(phases, 2).view(n, o, 2, 2, h, w)
+        return y.permute(0, 1, 4, 2, 5, 3).reshape(n, o, 2 * h, 2 * w)
+
+    def forward(self, x: Tensor, skip: Tensor | None) -> Tensor:
+        """Codes to codes, [N,C,H,W]."""
+        s = self.source
+        total = through(self.bias.round(), self.bias).view(1, -1, 1, 1)
+        wide = 0.0
+        for codes, weight, top in ((x, self.weight, s.source_max), (skip, self.skip, s.skip_max)):
+            if weight is None:
+                continue
+            y = self._sums(codes, rounded_weights(weight, top == NARROW_MAX))
+            if top == NARROW_MAX:
+                total = total + y
+            else:
+                wide = wide + y
+        if isinstance(wide, Tensor):
+            shifted = (wide.detach() + ((1 << s.shift) >> 1)).div(1 << s.shift).floor()
+            total = total + through(shifted, wide / (1 << s.shift))
+        smooth = (total * self.scale.to(total).view(1, -1, 1, 1)).clamp(0, s.out_max)
+        a = total.detach().round().long() * self.multiplier.view(1, -1, 1, 1)
+        codes = ((a + (1 << 30)) >> 31).clamp(0, s.out_max).to(smooth)
+        y = through(codes, smooth)
+        return F.max_pool2d(y, 2) if self.layer.pool else y
+
+    @torch.no_grad()
+    def rounded(self) -> IntLayer:
+        """What the layer is at present, as an integer layer; its sums are kept within bounds."""
+        def whole(w: Tensor | None, top: int) -> np.ndarray | None:
+            return None if w is None else \
+                rounded_weights(w, top == NARROW_MAX).cpu().numpy().astype(np.int8)
+
+        s = self.source
+        return dataclasses.replace(s, weight=whole(self.weight, s.source_max),
+                                   skip=whole(self.skip, s.skip_max),
+                                   bias=self.bias.round().cpu().numpy().astype(np.int32))
+
+
+class IntegerNet(nn.Module):
+    """An integer model as a torch module: [N,C,H,W] network values in and out.
+
+    In double precision (the default) the output is bit for bit that of the integer executors; after
+    .float() it is the same up to rare roundings, which is enough to train.
+    """
+
+    def __init__(self, model: IntModel):
+        super().__init__()
+        self.net, self.output_scale = model.net, float(model.output_scale)
+        self.input_scale = model.input_scale
+        self.layers = nn.ModuleList(IntegerLayer(x) for x in model.layers)
+
+    def codes(self, x: Tensor) -> Tensor:
+        """Input codes; x in single precision, as everywhere."""
+        scale = torch.from_numpy(self.input_scale).to(x.device).view(1, -1, 1, 1)
+        return (x.float() * scale + 0.5).floor().clamp(0, WIDE_MAX)
+
+    def forward(self, x: Tensor) -> Tensor:
+        maps = {"input": self.codes(x).to(self.layers[0].weight.dtype)}
+        for layer in self.layers:
+            skip = maps[layer.layer.skip] if layer.layer.skip else None
+            maps[layer.layer.name] = layer(maps[layer.layer.source], skip)
+        return maps[self.net.last.name] * self.output_scale
+
+    def integer_model(self) -> IntModel:
+        """The model as it is now; ModelError if sums could leave 32 bits."""
+        model = IntModel(self.net, [x.rounded() for x in self.layers], self.input_scale,
+                         self.output_scale)
+        for x in model.layers:
+            check_layer(x, "trained model")
+        return model
+
+
+def fine_tune(net: IntegerNet, batches: Batches, steps: int, rate: float, loss: str,
+              log=print) -> None:
+    """Adam on weights in units of their own steps; the rate falls to zero along a cosine."""
+    criterion = make_loss(loss)
+    net.float().train()
+    groups = [{"params": [p], "lr": rate * (10 if name.endswith("bias") else 1)}
+              for name, p in net.named_parameters()]
+    optimizer = torch.optim.Adam(groups)
+    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, steps)
+    mean = 0.0
+    for step in range(steps):
+        x, y = batches[step]
+        value = criterion(net(x), y)
+        optimizer.zero_grad()
+        value.backward()
+        optimizer.step()
+        schedule.step()
+        mean += (value.item() - mean) / min(step + 1, 100)
+        if (step + 1) % 100 == 0 or step + 1 == steps:
+            log(f"step {step + 1} of {steps}: loss {mean:.6f}")
+    net.double()
+
+
+def main(argv: list[str]) -> None:
+    parser = argparse.ArgumentParser("python -m training.quantize_aware", description=__doc__,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    add = parser.add_argument
+    add("input", type=Path, metavar="IN.tza")
+    add("output", type=Path, metavar="OUT.tza")
+    add("-D", "--data_dir", type=Path, default=Path("data"))
+    add("-t", "--train_data", required=True, help="raw data set below the data folder")
+    add("--steps", type=int, default=500)
+    add("--rate", type=float, default=0.02, help="of learning, in weight steps (default 0.02)")
+    add("-l", "--loss", default="l1")
+    add("-b", "--batch_size", type=int, default=8)
+    add("--tile_size", "--ts", type=int, default=64)
+    add("--seed", type=int, default=1)
+    add_kind(parser)
+    args = parser.parse_args(argv)
+    if args.content not in TRANSFERS or args.steps < 1 or args.rate <= 0:
+        raise ToolError("--lightmap-dir, --steps below 1 and --rate of 0 are not possible", USAGE)
+    model = load_float(args.input)
+    main_feature = {"albedo": "alb", "normal": "nrm"}.get(
+        args.main, "ldr" if args.content in ("ldr", "srgb") else "hdr")
+    features = [main_feature, "alb", "nrm"][:model.inputs // 3]
+    found = scan(args.data_dir / args.train_data, features)
+    transfer = "linear" if main_feature == "nrm" else TRANSFERS[args.content]
+    pictures = from_raw(found, features, main_feature, transfer, log=print)
+    if not pictures:
+        raise ToolError(f"{found.root}: no pictures to train on", DATA)
+    torch.manual_seed(args.seed)
+    some = pictures[::max(len(pictures) // CALIBRATION, 1)][:CALIBRATION]
+    inputs = [p.inputs[i % len(p.inputs)].astype(np.float32) for i, p in enumerate(some)]
+    inputs = [np.pad(x, ((0, -x.shape[0] % 16), (0, -x.shape[1] % 16), (0, 0))) for x in inputs]
+    top = transfer_top(args.content)
+    net = IntegerNet(Quantizer(model, inputs, Options(input_top=top, output_top=top)).run())
+    batches = Batches(pictures, features, main_feature, transfer, args.batch_size, args.tile_size,
+                      args.seed, Augment(exposure=1.0 if main_feature == "hdr" else 0.0))
+    fine_tune(net, batches, args.steps, args.rate, args.loss)
+    try:
+        write_integer(args.output, integer_tensors(net.integer_model()))
+    except ValueError as e:
+        raise ToolError(f"{args.output}: {e}", STATE) from e
+    print(f"Saved: {args.output}")
+
+
+if __name__ == "__main__":
+    errors.run(main)
