@@ -87,6 +87,18 @@ class IntTrunk(IntModel):
         return np.rint(np.asarray(x) * 255).astype(np.uint8)
 
 
+def macs_per_pixel(layers: list[IntLayer]) -> float:
+    """Multiply-adds per full-resolution pixel, of the 3x3 kernels before folding and the heads."""
+    area, total = {"input": 1.0}, 0.0
+    for x in layers:
+        layer, own = x.layer, area[x.layer.source] * (4 if x.layer.up else 1)
+        inputs = x.weight.shape[1] + (x.skip.shape[1] if x.skip is not None else 0)
+        taps = 1 if x.weight.shape[2] == 3 and not x.weight[:, :, 0].any() else 9
+        total += own * taps * inputs * x.outputs
+        area[layer.name] = own / (4 if layer.pool else 1)
+    return total
+
+
 def int_trunk(tensors: Mapping[str, np.ndarray], file: str) -> IntTrunk:
     """A K model from the tensors of its file, checked as a loader must."""
     trunk = find_trunk(tensors, file)

@@ -15,6 +15,7 @@ import hashlib
 import sys
 from pathlib import Path
 
+from export.kernel import int_trunk, macs_per_pixel
 from export.tza import Reader, TzaError
 
 FOLDER = Path(__file__).resolve().parent.parent / "weights"
@@ -41,9 +42,15 @@ def digest(path: Path) -> str:
 
 
 def describe(path: Path) -> str:
-    """Topology, widths and cost of a weights file of family U."""
-    from training.nets import from_tensors
-    model = from_tensors(Reader(path))
+    """Topology, widths and cost of a weights file."""
+    from training.nets import from_tensors, identify
+    tensors = Reader(path)
+    net = identify(list(tensors))
+    if net.family == "K":
+        layers = int_trunk(tensors, str(path)).layers
+        widths = ",".join(str(x.outputs) for x in layers[:len(net.layers)])
+        return f"{net.name} {widths} {macs_per_pixel(layers) / 1000:.1f} kMAC/px, int8"
+    model = from_tensors(tensors)
     widths = [getattr(model, layer.name).out_channels for layer in model.net.layers]
     macs = model.macs_per_pixel() / 1000
     return f"{model.net.name} {','.join(map(str, widths))} {macs:.1f} kMAC/px"

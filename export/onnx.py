@@ -69,8 +69,9 @@ def write_onnx(path: Path, model: DirectNet, height: int, width: int, params: bo
     for layer in model.net.layers:
         source = names[layer.source]
         if layer.up == 2:
-            nodes.append(_node("Resize", [source, "roi", "scales"], f"{layer.name}.up", mode="nearest",
-                               coordinate_transformation_mode="asymmetric", nearest_mode="floor"))
+            nodes.append(_node("Resize", [source, "roi", "scales"], f"{layer.name}.up",
+                               mode="nearest", coordinate_transformation_mode="asymmetric",
+                               nearest_mode="floor"))
             source = f"{layer.name}.up"
         if layer.skip:
             nodes.append(_node("Concat", [source, names[layer.skip]], f"{layer.name}.cat", axis=1))

@@ -1,2 +1,4 @@
 TESTS += test_run
 TEST_test_run_SOURCES := tests/core/test_run.c
+TESTS += test_kernel
+TEST_test_kernel_SOURCES := tests/core/test_kernel.c

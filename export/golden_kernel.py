@@ -1,0 +1,75 @@
+"""Golden vectors of family K: a small random model, a picture, and the numpy reference of it.
+
+    python -m export.golden_kernel [tests/golden/kernel]
+
+The folder gets weights.tza, {color,albedo,normal}.f32 ([H,W,3], little endian) and, for each set
+of features and content, out_<features>_<content>.f32. tests/core/test_kernel.c compares the C core with
+them to the bit.
+"""
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from export import kernel, pixels
+from export.pairs import safe
+from export.quantize_kernel import tensors_of
+from export.reference import NARROW_MAX, IntLayer
+from export.tza import Writer
+
+WIDTHS = (5, 4, 6, 4, 8, 7, 8, 8, 9, 8, 8, 6, 6, 4)  # those that heads read are even
+HEIGHT, WIDTH = 37, 45
+CASES = ((7, "hdr"), (7, "ldr"), (7, "srgb"), (1, "hdr"), (3, "hdr"), (5, "lightmap-hdr"),
+         (1, "lightmap-dir"), (2, "ldr"), (4, "ldr"))
+FEATURE_BITS = {"color": 1, "albedo": 2, "normal": 4}
+
+
+def random_model(seed: int) -> kernel.IntTrunk:
+    """A K model with random weights whose codes neither vanish nor all saturate."""
+    rng = np.random.default_rng(seed)
+    trunk = kernel.read_trunks()[0]
+    channels, layers = {"input": kernel.INPUTS}, []
+    widths = WIDTHS + (52, 27, 27, 27, 27)
+    for layer, o in zip(trunk.layers, widths, strict=True):
+        c, head = channels[layer.source], layer.name in trunk.heads
+        shape = (4 * o, c, 2, 2) if layer.up else (o, c, 1, 1) if head else (o, c, 3, 3)
+        weight = safe(rng.integers(-60, 70, shape))
+        skip = safe(rng.integers(-60, 70, (o, channels[layer.skip], 3, 3))) if layer.skip else None
+        taps = shape[1] * shape[2] * shape[3] + (skip.shape[1] * 9 if layer.skip else 0)
+        scale = np.full(o, 1 / (40 * np.sqrt(taps)), np.float32)
+        bias = rng.integers(0, int(128 / scale[0]), o).astype(np.int32)
+        layers.append(IntLayer(layer, kernel.widened(weight) if head else weight, skip, bias, scale,
+                               0, NARROW_MAX, NARROW_MAX, NARROW_MAX))
+        channels[layer.name] = o
+    return kernel.IntTrunk(trunk, layers)
+
+
+def pictures(seed: int) -> dict[str, np.ndarray]:
+    """Noisy images with some values that are no colours."""
+    rng = np.random.default_rng(seed)
+    color = np.exp(rng.normal(-1, 1.5, (HEIGHT, WIDTH, 3))).astype(np.float32)
+    color[3, 4], color[20, 9], color[11, 30] = np.nan, np.inf, -1
+    color[30, 40] = 1e7
+    return {"color": color,
+            "albedo": rng.random((HEIGHT, WIDTH, 3), np.float32) * np.float32(1.1),
+            "normal": (rng.random((HEIGHT, WIDTH, 3), np.float32) * 2 - 1).astype(np.float32)}
+
+
+def main(folder: Path) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    with Writer(folder / "weights.tza") as w:
+        for name, array in tensors_of(random_model(1)).items():
+            w.write(name, np.ascontiguousarray(array))
+    model, images = kernel.load(folder / "weights.tza"), pictures(2)
+    for name, image in images.items():
+        image.astype("<f4").tofile(folder / f"{name}.f32")
+    for features, content in CASES:
+        chosen = {f: i for f, i in images.items() if features & FEATURE_BITS[f]}
+        out = kernel.run_frame(model, pixels.Frame(chosen, content))
+        out.astype("<f4").tofile(folder / f"out_{features}_{content}.f32")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1] if len(sys.argv) > 1 else "tests/golden/kernel"))

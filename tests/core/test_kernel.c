@@ -1,0 +1,139 @@
+/* Family K against its numpy reference (export/golden_kernel.py), to the bit: every set of features and
+ * content, port, thread count, row step, strip width, and in place. */
+#define _POSIX_C_SOURCE 200809L
+#include <math.h>
+#include <stdlib.h>
+
+#include "check.h"
+#include "lull.h"
+
+#define FOLDER "tests/golden/kernel/"
+#define WIDTH 45
+#define HEIGHT 37
+#define VALUES ((size_t)WIDTH * HEIGHT * 3)
+
+static void *aligned(size_t bytes)
+{
+    void *p = NULL;
+    return posix_memalign(&p, LULL_ALIGN, bytes ? bytes : 1) ? NULL : p;
+}
+
+static void *read_file(const char *name, size_t *bytes)
+{
+    char path[200];
+    FILE *file;
+    void *data = malloc(1 << 20);
+    snprintf(path, sizeof path, FOLDER "%s", name);
+    file = fopen(path, "rb");
+    if (!file || !data) {
+        printf("FAIL cannot read %s\n", path);
+        exit(1);
+    }
+    *bytes = fread(data, 1, 1 << 20, file);
+    fclose(file);
+    return data;
+}
+
+/* A picture of little-endian floats. */
+static float *read_floats(const char *name)
+{
+    size_t bytes;
+    uint8_t *data = read_file(name, &bytes);
+    float *values = malloc(VALUES * sizeof *values);
+    CHECK_EQ(bytes, VALUES * 4);
+    for (size_t i = 0; i < VALUES; i++) {
+        uint32_t u = data[4 * i] | (uint32_t)data[4 * i + 1] << 8 |
+                     (uint32_t)data[4 * i + 2] << 16 | (uint32_t)data[4 * i + 3] << 24;
+        memcpy(&values[i], &u, 4);
+    }
+    free(data);
+    return values;
+}
+
+/* Threads that take turns: worker numbers are what matters here. */
+static void backwards(void *user, unsigned count, void (*body)(void *, unsigned, unsigned),
+                      void *context)
+{
+    unsigned threads = *(unsigned *)user;
+    while (count--)
+        body(context, count, count % threads);
+}
+
+typedef struct run_case {
+    unsigned features;
+    lull_content content;
+    const char *expected;
+} run_case;
+
+static const run_case cases[] = {
+    {7, LULL_HDR, "out_7_hdr.f32"},          {7, LULL_LDR, "out_7_ldr.f32"},
+    {7, LULL_SRGB, "out_7_srgb.f32"},        {1, LULL_HDR, "out_1_hdr.f32"},
+    {3, LULL_HDR, "out_3_hdr.f32"},          {5, LULL_LIGHTMAP_HDR, "out_5_lightmap-hdr.f32"},
+    {1, LULL_LIGHTMAP_DIR, "out_1_lightmap-dir.f32"}, {2, LULL_LDR, "out_2_ldr.f32"},
+    {4, LULL_LDR, "out_4_ldr.f32"}};
+
+static const unsigned variants[][4] = {/* threads, row step, strip width, in place */
+                                       {1, 0, 0, 0},  {3, 1, 0, 0}, {2, 5, 16, 0},
+                                       {1, 16, 32, 1}, {7, 2, 16, 1}};
+
+static void run_one(const run_case *c, const void *weights, size_t bytes, uint32_t ports,
+                    const unsigned *variant, const float *expected)
+{
+    float *feature[3] = {read_floats("color.f32"), read_floats("albedo.f32"),
+                         read_floats("normal.f32")};
+    float *out = malloc(VALUES * sizeof *out);
+    size_t model_bytes = lull_model_size(weights, bytes, ports), plan_bytes;
+    void *model_memory = aligned(model_bytes), *plan_memory;
+    lull_frame frame = lull_frame_default(WIDTH, HEIGHT, c->content, c->features);
+    unsigned threads = variant[0], main_feature = c->features & 1 ? 0 : c->features & 2 ? 1 : 2;
+    lull_host host = {&threads, backwards, NULL};
+    lull_images images;
+    lull_model *model;
+    lull_plan *plan;
+    memset(&images, 0, sizeof images);
+    images.input_scale = NAN;
+    for (unsigned f = 0; f < 3; f++) {
+        lull_image image = {feature[f], LULL_F32, 3, 0, 0};
+        if (c->features >> f & 1)
+            *(f == 0 ? &images.color : f == 1 ? &images.albedo : &images.normal) = image;
+    }
+    frame.threads = threads;
+    frame.row_step = variant[1];
+    frame.strip_width = variant[2];
+    frame.in_place = variant[3];
+    images.output.data = variant[3] ? feature[main_feature] : out;
+    images.output.channels = 3;
+    CHECK_EQ(lull_model_init(&model, model_memory, model_bytes, weights, bytes, ports), LULL_OK);
+    plan_bytes = lull_plan_size(&frame, model);
+    plan_memory = aligned(plan_bytes);
+    CHECK_EQ(lull_plan_init(&plan, plan_memory, plan_bytes, &frame, model), LULL_OK);
+    CHECK_EQ(lull_run(plan, &images, &host), LULL_OK);
+    CHECK(memcmp(images.output.data, expected, VALUES * sizeof *out) == 0);
+    free(plan_memory);
+    free(model_memory);
+    free(out);
+    for (unsigned f = 0; f < 3; f++)
+        free(feature[f]);
+}
+
+static void equals_the_reference(void)
+{
+    size_t bytes;
+    void *weights = read_file("weights.tza", &bytes);
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        float *expected = read_floats(cases[i].expected);
+        for (unsigned port = 0; lull_port_name(port); port++)
+            for (size_t v = 0; v < sizeof variants / sizeof variants[0]; v++)
+                if (lull_ports_available() >> port & 1)
+                    run_one(&cases[i], weights, bytes, (2u << port) - 1, variants[v], expected);
+        free(expected);
+    }
+    free(weights);
+}
+
+int main(int argc, char **argv)
+{
+    CHECK_MAIN(argc, argv);
+    RUN(equals_the_reference);
+    return check_report();
+}
