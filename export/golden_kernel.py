@@ -3,8 +3,8 @@
     python -m export.golden_kernel [tests/golden/kernel]
 
 The folder gets weights.tza, {color,albedo,normal}.f32 ([H,W,3], little endian) and, for each set
-of features and content, out_<features>_<content>.f32. tests/core/test_kernel.c compares the C core with
-them to the bit.
+of features and content, out_<features>_<content>.f32. tests/core/test_kernel.c compares the C core
+with them to the bit.
 """
 from __future__ import annotations
 
