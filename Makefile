@@ -9,6 +9,7 @@
 #   make peer-test      its own test program and clients on our library
 #   make bench-peer     speed and memory beside it
 #   make chart          speed against accuracy: docs/chart.svg, docs/chart.md
+#   make picture        the README's picture: docs/before-after.png
 #   make check-san      C tests under SAN=address,undefined (or memory, with CC=clang)
 #   make help           this text
 #
@@ -21,9 +22,9 @@ CC := $(or $(shell for c in cc gcc clang; do command -v $$c >/dev/null && echo $
 endif
 HOSTCC ?= $(if $(shell command -v cc),cc,$(CC))
 AR ?= ar
-OPT ?= -O3
 WERROR ?= 0
 SAN ?=
+OPT ?= $(if $(SAN),-O1,-O3)
 THREADS ?= 1
 PYTHON ?= python3
 
@@ -327,6 +328,11 @@ bench-peer: peer-ready
 # Speed against accuracy: docs/chart.svg and docs/chart.md.
 chart: peer-ready
 	@$(TOOLS) $(VENV)/bin/python -m bench.chart $(CHART)
+
+# The README's picture.
+.PHONY: picture
+picture: peer-ready
+	@$(TOOLS) $(VENV)/bin/python -m bench.before_after
 
 # ---- Installing ----------------------------------------------------------------------------------
 
