@@ -38,4 +38,4 @@ LULL_INLINE void store(float *out, vec sum, unsigned n)
 
 static const tile_shape shapes[] = {{tile_2, 2, 6}, {tile_1, 1, 12}, {pixel_1, 1, 1}};
 
-void lull_conv_f32_avx2(const lull_conv *conv) { run_tiles(conv, shapes, LANES); }
+void lull_conv_f32_avx2(const lull_conv *conv) { run_tiles(conv, shapes, LANES, 0); }

@@ -46,4 +46,4 @@ LULL_INLINE void store(float *out, vec sum, unsigned n)
 static const tile_shape shapes[] = {
     {tile_4, 4, 6}, {tile_3, 3, 8}, {tile_2, 2, 12}, {tile_1, 1, 12}, {pixel_1, 1, 1}};
 
-void lull_conv_f32_avx512(const lull_conv *conv) { run_tiles(conv, shapes, LANES); }
+void lull_conv_f32_avx512(const lull_conv *conv) { run_tiles(conv, shapes, LANES, 0); }

@@ -8,9 +8,6 @@
 #define LANES 8u
 typedef __m256i vec;
 
-/* Bytes of the largest tile: 12 pixels of one vector or 6 of two, 2 bytes each. */
-#define LULL_CONV_SPARE 384
-
 LULL_INLINE vec zero(void) { return _mm256_setzero_si256(); }
 LULL_INLINE vec load(const void *p) { return _mm256_loadu_si256((const __m256i *)p); }
 LULL_INLINE vec splat_int(int v) { return _mm256_set1_epi32(v); }
@@ -23,48 +20,66 @@ LULL_INLINE vec splat(const uint8_t *p)
 LULL_INLINE vec add(vec a, vec b) { return _mm256_add_epi32(a, b); }
 LULL_INLINE vec shift(vec a, unsigned n) { return _mm256_sra_epi32(a, _mm_cvtsi32_si128((int)n)); }
 
-/* Where and how the pixels of a tile are stored. Outputs that do not fill the vectors go to
- * `spare` first. */
+/* Where and how the pixels of a tile are stored. Outputs that do not fill the vectors go to `spare`
+ * first: 12 pixels of one vector or 6 of two, 2 bytes each. */
 typedef struct finish {
     vec even0, odd0, even1, odd1; /* twice the multipliers */
     uint8_t *to;
     size_t step; /* bytes */
     int32_t max;
-    const lull_conv *conv;
-    size_t at; /* bytes from conv->out */
-    unsigned bytes; /* of a pixel, if they are in spare; else 0 */
-    uint8_t spare[LULL_CONV_SPARE];
+    unsigned size;       /* bytes of an output */
+    unsigned spare_step; /* 0: stored directly */
+    uint8_t spare[384];
 } finish;
 
-LULL_INLINE void finish_init(finish *f, const lull_conv *conv, unsigned first, unsigned p,
-                             unsigned n)
+LULL_INLINE void finish_init(finish *f, const tile_row *row)
 {
-    const int32_t *m = conv->multiplier + first;
-    unsigned size = conv->out_max <= 255 ? 1 : 2;
+    const int32_t *m = row->conv->multiplier + row->first;
     f->even0 = _mm256_slli_epi32(load(m), 1);
     f->odd0 = _mm256_srli_epi64(f->even0, 32);
-    f->even1 = _mm256_slli_epi32(load(n > LANES ? m + LANES : m), 1);
+    f->even1 = _mm256_slli_epi32(load(row->n > LANES ? m + LANES : m), 1);
     f->odd1 = _mm256_srli_epi64(f->even1, 32);
-    f->max = conv->out_max;
-    f->conv = conv;
-    f->step = size * conv->out_step;
-    f->at = p * f->step + first * size;
-    f->to = (uint8_t *)conv->out + f->at;
-    f->bytes = n % LANES ? n * size : 0;
-    if (f->bytes) {
-        f->to = f->spare;
-        f->step = 2 * LANES * size;
+    f->max = row->conv->out_max;
+    f->size = f->max <= 255 ? 1 : 2;
+    f->spare_step = row->n % LANES ? (row->n > LANES ? 2 : 1) * LANES * f->size : 0;
+    f->to = f->spare;
+    f->step = f->spare_step ? f->spare_step : f->size * row->conv->out_step;
+}
+
+LULL_INLINE void finish_tile(finish *f, const tile_row *row, unsigned p)
+{
+    if (!f->spare_step)
+        f->to = (uint8_t *)row->conv->out + p * f->step + row->first * f->size;
+}
+
+/* n < 32 bytes, as two overlapping halves where it can. */
+LULL_INLINE void copy_bytes(uint8_t *to, const uint8_t *from, unsigned n)
+{
+    if (n >= 16) {
+        __m128i a = _mm_loadu_si128((const __m128i *)(const void *)from);
+        __m128i b = _mm_loadu_si128((const __m128i *)(const void *)(from + n - 16));
+        _mm_storeu_si128((__m128i *)(void *)to, a);
+        _mm_storeu_si128((__m128i *)(void *)(to + n - 16), b);
+    } else if (n >= 8) {
+        memcpy(to, from, 8);
+        memcpy(to + n - 8, from + n - 8, 8);
+    } else if (n >= 4) {
+        memcpy(to, from, 4);
+        memcpy(to + n - 4, from + n - 4, 4);
+    } else {
+        for (; n; n--)
+            *to++ = *from++;
     }
 }
 
-LULL_INLINE void finish_end(const finish *f, unsigned pixels)
+LULL_INLINE void finish_end(const finish *f, const tile_row *row, unsigned p, unsigned pixels)
 {
+    size_t step = f->size * row->conv->out_step;
+    uint8_t *to = (uint8_t *)row->conv->out + p * step + row->first * f->size;
     const uint8_t *from = f->spare;
-    size_t step = f->conv->out_step * (f->conv->out_max <= 255 ? 1 : 2);
-    uint8_t *to = (uint8_t *)f->conv->out + f->at;
-    if (f->bytes)
-        for (unsigned i = 0; i < pixels; i++, from += f->step, to += step)
-            memcpy(to, from, f->bytes);
+    if (f->spare_step)
+        for (; pixels; pixels--, from += f->spare_step, to += step)
+            copy_bytes(to, from, row->n * f->size);
 }
 
 /* (a * M + 2^30) >> 31 as the high half of a * 2M + 2^31, which always fits. */
@@ -76,38 +91,49 @@ LULL_INLINE vec requantise(vec a, vec even, vec odd)
     return _mm256_blend_epi32(_mm256_srli_epi64(q0, 32), q1, 0xaa);
 }
 
-/* Two vectors of requantised sums. */
-LULL_INLINE void finish_2(finish *f, unsigned i, vec a, vec b)
+/* Two vectors of requantised sums of one pixel. */
+LULL_INLINE void store_wide(const finish *f, unsigned i, vec a, vec b)
 {
-    uint8_t *to = f->to + i * f->step;
+    vec q = _mm256_permute4x64_epi64(_mm256_packus_epi32(a, b), 0xd8);
+    q = _mm256_min_epu16(q, _mm256_set1_epi16((short)f->max));
+    _mm256_storeu_si256((__m256i *)(void *)(f->to + i * f->step), q);
+}
+
+LULL_INLINE void finish_2(const finish *f, unsigned i, unsigned j, vec a, vec b, vec c, vec d)
+{
     a = requantise(a, f->even0, f->odd0);
     b = requantise(b, f->even1, f->odd1);
+    c = requantise(c, f->even0, f->odd0);
+    d = requantise(d, f->even1, f->odd1);
+    if (f->max <= 255) {
+        vec q = _mm256_packus_epi16(_mm256_packs_epi32(a, b), _mm256_packs_epi32(c, d));
+        q = _mm256_permutevar8x32_epi32(q, _mm256_setr_epi32(0, 4, 1, 5, 2, 6, 3, 7));
+        q = _mm256_min_epu8(q, _mm256_set1_epi8((char)f->max));
+        _mm_storeu_si128((__m128i *)(void *)(f->to + i * f->step), _mm256_castsi256_si128(q));
+        _mm_storeu_si128((__m128i *)(void *)(f->to + j * f->step), _mm256_extracti128_si256(q, 1));
+    } else {
+        store_wide(f, i, a, b);
+        store_wide(f, j, c, d);
+    }
+}
+
+LULL_INLINE void finish_1(const finish *f, unsigned i, unsigned j, vec a, vec b)
+{
+    uint8_t *to = f->to + i * f->step, *next = f->to + j * f->step;
+    a = requantise(a, f->even0, f->odd0);
+    b = requantise(b, f->even0, f->odd0);
     if (f->max <= 255) {
         vec pairs = _mm256_packs_epi32(a, b); /* a0-3 b0-3, a4-7 b4-7 */
         __m128i q = _mm_packus_epi16(_mm256_castsi256_si128(pairs),
                                      _mm256_extracti128_si256(pairs, 1));
         q = _mm_min_epu8(_mm_shuffle_epi32(q, 0xd8), _mm_set1_epi8((char)f->max));
-        _mm_storeu_si128((__m128i *)(void *)to, q);
+        _mm_storel_epi64((__m128i *)(void *)to, q);
+        _mm_storel_epi64((__m128i *)(void *)next, _mm_unpackhi_epi64(q, q));
     } else {
         vec q = _mm256_permute4x64_epi64(_mm256_packus_epi32(a, b), 0xd8);
         q = _mm256_min_epu16(q, _mm256_set1_epi16((short)f->max));
-        _mm256_storeu_si256((__m256i *)(void *)to, q);
-    }
-}
-
-LULL_INLINE void finish_1(finish *f, unsigned i, vec a)
-{
-    uint8_t *to = f->to + i * f->step;
-    __m128i q;
-    a = requantise(a, f->even0, f->odd0);
-    if (f->max <= 255) {
-        q = _mm_packs_epi32(_mm256_castsi256_si128(a), _mm256_extracti128_si256(a, 1));
-        q = _mm_min_epu8(_mm_packus_epi16(q, q), _mm_set1_epi8((char)f->max));
-        _mm_storel_epi64((__m128i *)(void *)to, q);
-    } else {
-        q = _mm_packus_epi32(_mm256_castsi256_si128(a), _mm256_extracti128_si256(a, 1));
-        q = _mm_min_epu16(q, _mm_set1_epi16((short)f->max));
-        _mm_storeu_si128((__m128i *)(void *)to, q);
+        _mm_storeu_si128((__m128i *)(void *)to, _mm256_castsi256_si128(q));
+        _mm_storeu_si128((__m128i *)(void *)next, _mm256_extracti128_si256(q, 1));
     }
 }
 
@@ -128,4 +154,4 @@ LULL_INLINE void finish_1(finish *f, unsigned i, vec a)
 
 static const tile_shape shapes[] = {{tile_2, 2, TILE_2}, {tile_1, 1, TILE_1}, {pixel_1, 1, 1}};
 
-void CONV(const lull_conv *conv) { run_tiles(conv, shapes, LANES); }
+void CONV(const lull_conv *conv) { run_tiles(conv, shapes, LANES, 1); }

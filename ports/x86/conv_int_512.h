@@ -25,7 +25,7 @@ typedef struct finish {
     uint8_t *to;
     size_t step; /* bytes */
     int32_t max;
-    unsigned outputs;
+    unsigned size; /* bytes of an output */
     __mmask64 narrow;        /* bytes of narrow outputs */
     __mmask32 wide0, wide1;  /* wide outputs: the first 32 and the others */
 } finish;
@@ -36,21 +36,26 @@ LULL_INLINE uint64_t first_lanes(unsigned n, unsigned lanes)
     return n >= lanes ? ~(uint64_t)0 >> (64 - lanes) : ((uint64_t)1 << n) - 1;
 }
 
-LULL_INLINE void finish_init(finish *f, const lull_conv *conv, unsigned first, unsigned p,
-                             unsigned n)
+LULL_INLINE void finish_init(finish *f, const tile_row *row)
 {
-    unsigned size = conv->out_max <= 255 ? 1 : 2;
-    f->multiplier = conv->multiplier + first;
-    f->step = size * conv->out_step;
-    f->to = (uint8_t *)conv->out + p * f->step + first * size;
-    f->max = conv->out_max;
-    f->outputs = n;
-    f->narrow = (__mmask64)first_lanes(n, 64);
-    f->wide0 = (__mmask32)first_lanes(n, 32);
-    f->wide1 = (__mmask32)first_lanes(n > 32 ? n - 32 : 0, 32);
+    f->multiplier = row->conv->multiplier + row->first;
+    f->max = row->conv->out_max;
+    f->size = f->max <= 255 ? 1 : 2;
+    f->step = f->size * row->conv->out_step;
+    f->narrow = (__mmask64)first_lanes(row->n, 64);
+    f->wide0 = (__mmask32)first_lanes(row->n, 32);
+    f->wide1 = (__mmask32)first_lanes(row->n > 32 ? row->n - 32 : 0, 32);
 }
 
-LULL_INLINE void finish_end(const finish *f, unsigned pixels) { (void)f, (void)pixels; }
+LULL_INLINE void finish_tile(finish *f, const tile_row *row, unsigned p)
+{
+    f->to = (uint8_t *)row->conv->out + p * f->step + row->first * f->size;
+}
+
+LULL_INLINE void finish_end(const finish *f, const tile_row *row, unsigned p, unsigned pixels)
+{
+    (void)f, (void)row, (void)p, (void)pixels;
+}
 
 /* (a * M + 2^30) >> 31 as the high half of a * 2M + 2^31, which always fits. */
 LULL_INLINE vec requantise(const finish *f, vec a, unsigned vector)
@@ -84,24 +89,38 @@ LULL_INLINE void store(const finish *f, unsigned i, vec a, vec b, vec c, vec d)
     }
 }
 
-LULL_INLINE void finish_4(const finish *f, unsigned i, vec a, vec b, vec c, vec d)
+LULL_INLINE void finish_pixel(const finish *f, unsigned i, vec a, vec b, vec c, vec d,
+                              unsigned vectors)
 {
-    store(f, i, requantise(f, a, 0), requantise(f, b, 1), requantise(f, c, 2), requantise(f, d, 3));
+    store(f, i, requantise(f, a, 0), vectors > 1 ? requantise(f, b, 1) : zero(),
+          vectors > 2 ? requantise(f, c, 2) : zero(), vectors > 3 ? requantise(f, d, 3) : zero());
 }
 
-LULL_INLINE void finish_3(const finish *f, unsigned i, vec a, vec b, vec c)
+LULL_INLINE void finish_4(const finish *f, unsigned i, unsigned j, vec ai, vec bi, vec ci, vec di,
+                          vec aj, vec bj, vec cj, vec dj)
 {
-    store(f, i, requantise(f, a, 0), requantise(f, b, 1), requantise(f, c, 2), zero());
+    finish_pixel(f, i, ai, bi, ci, di, 4);
+    finish_pixel(f, j, aj, bj, cj, dj, 4);
 }
 
-LULL_INLINE void finish_2(const finish *f, unsigned i, vec a, vec b)
+LULL_INLINE void finish_3(const finish *f, unsigned i, unsigned j, vec ai, vec bi, vec ci, vec aj,
+                          vec bj, vec cj)
 {
-    store(f, i, requantise(f, a, 0), requantise(f, b, 1), zero(), zero());
+    finish_pixel(f, i, ai, bi, ci, ci, 3);
+    finish_pixel(f, j, aj, bj, cj, cj, 3);
 }
 
-LULL_INLINE void finish_1(const finish *f, unsigned i, vec a)
+LULL_INLINE void finish_2(const finish *f, unsigned i, unsigned j, vec ai, vec bi, vec aj, vec bj)
 {
-    store(f, i, requantise(f, a, 0), zero(), zero(), zero());
+    finish_pixel(f, i, ai, bi, bi, bi, 2);
+    finish_pixel(f, j, aj, bj, bj, bj, 2);
+}
+
+LULL_INLINE void finish_1(const finish *f, unsigned i, unsigned j, vec ai, vec aj)
+{
+    finish_pixel(f, i, ai, ai, ai, ai, 1);
+    if (j != i)
+        finish_pixel(f, j, aj, aj, aj, aj, 1);
 }
 
 #define TILE tile_4
@@ -132,4 +151,4 @@ LULL_INLINE void finish_1(const finish *f, unsigned i, vec a)
 static const tile_shape shapes[] = {
     {tile_4, 4, 6}, {tile_3, 3, 8}, {tile_2, 2, 12}, {tile_1, 1, 12}, {pixel_1, 1, 1}};
 
-void CONV(const lull_conv *conv) { run_tiles(conv, shapes, LANES); }
+void CONV(const lull_conv *conv) { run_tiles(conv, shapes, LANES, 1); }

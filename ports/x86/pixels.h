@@ -8,11 +8,17 @@
 #define PIXELS_1(X) X(0, x, 0)
 #define PIXELS_4(X) PIXELS_1(X) X(1, x, step) X(2, x, 2 * step) X(3, y, 0)
 #define PIXELS_6(X) PIXELS_4(X) X(4, y, step) X(5, y, 2 * step)
-#define PIXELS_5(X) PIXELS_4(X) X(4, y, step)
 #define PIXELS_8(X) PIXELS_6(X) X(6, z, 0) X(7, z, step)
 #define PIXELS_12(X) PIXELS_8(X) X(8, z, 2 * step) X(9, t, 0) X(10, t, step) X(11, t, 2 * step)
 
-#define PIXELS_PASTE_(count) PIXELS_##count
-#define PIXELS_PASTE(count) PIXELS_PASTE_(count)
+/* X(number, next number); a lone pixel is its own partner. */
+#define PAIRS_1(X) X(0, 0)
+#define PAIRS_4(X) X(0, 1) X(2, 3)
+#define PAIRS_6(X) PAIRS_4(X) X(4, 5)
+#define PAIRS_8(X) PAIRS_6(X) X(6, 7)
+#define PAIRS_12(X) PAIRS_8(X) X(8, 9) X(10, 11)
+
+#define PIXELS_PASTE_(list, count) list##count
+#define PIXELS_PASTE(list, count) PIXELS_PASTE_(list, count)
 
 #endif

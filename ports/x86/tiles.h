@@ -1,33 +1,62 @@
-/* Which tiles a convolution is cut into. */
+/* Cutting a convolution into tiles. */
 #ifndef LULL_X86_TILES_H
 #define LULL_X86_TILES_H
 
 #include "kernels.h"
 
-/* A tile function: n <= vectors * lanes outputs from `first` on of `pixels` pixels from p on. */
+/* What a function for rows of tiles is given: n outputs from `first` on of all pixels. */
+typedef struct tile_row {
+    const lull_conv *conv;
+    unsigned first, n;
+    struct tile_part {        /* of a segment: */
+        const uint8_t *x, *w; /* the run of pixel 0, the weights of the first vector */
+        size_t step, block;   /* bytes from pixel to pixel, and from vector to vector */
+        unsigned length;
+    } part[LULL_MAX_SEGMENTS];
+} tile_row;
+
 typedef struct tile_shape {
-    void (*tile)(const lull_conv *conv, unsigned first, unsigned p, unsigned n);
-    unsigned vectors, pixels;
+    void (*run)(const tile_row *row);
+    unsigned vectors, pixels; /* of a tile */
 } tile_shape;
 
 /* Runs the whole convolution. The shapes are listed with decreasing numbers of vectors and end
  * with one of one vector and one pixel. For the outputs that are left, takes the first shape
- * whose vectors and pixels are not more than needed. The last tile of a row is moved back to
- * end at the last pixel. */
-LULL_INLINE void run_tiles(const lull_conv *conv, const tile_shape *shapes, unsigned lanes)
+ * whose vectors and pixels are not more than needed. Elements of rows have 4 bytes, or, if
+ * is_integer, 2 in the wide segments and 1 in the others. */
+LULL_INLINE void run_tiles(const lull_conv *conv, const tile_shape *shapes, unsigned lanes,
+                           int is_integer)
 {
-    unsigned first = 0;
-    while (first < conv->outputs) {
-        unsigned n = conv->outputs - first;
+    tile_row row;
+    row.conv = conv;
+    row.first = 0;
+    while (row.first < conv->outputs) {
+        unsigned left = conv->outputs - row.first;
         const tile_shape *shape = shapes;
         while (shape->vectors * shape->pixels > 1 &&
-               ((shape->vectors - 1) * lanes >= n || shape->pixels > conv->pixels))
+               ((shape->vectors - 1) * lanes >= left || shape->pixels > conv->pixels))
             shape++;
-        n = lull_min_u(n, shape->vectors * lanes);
-        for (unsigned p = 0; p < conv->pixels; p += shape->pixels)
-            shape->tile(conv, first, lull_min_u(p, conv->pixels - shape->pixels), n);
-        first += shape->vectors * lanes;
+        row.n = lull_min_u(left, shape->vectors * lanes);
+        for (unsigned s = 0; s < conv->segments; s++) {
+            const lull_segment *segment = &conv->segment[s];
+            struct tile_part *part = &row.part[s];
+            part->x = (const uint8_t *)segment->row;
+            part->step = segment->step * (size_t)(!is_integer ? 4 : s < conv->wide ? 2 : 1);
+            part->block = (size_t)4 * lanes * segment->length;
+            part->w = (const uint8_t *)segment->weights + row.first / lanes * part->block;
+            part->length = segment->length;
+        }
+        shape->run(&row);
+        row.first += shape->vectors * lanes;
     }
 }
+
+/* The first pixel of the tiles of a row in turn: the last tile is moved back to end at the last
+ * pixel. */
+#define FOR_TILES(p, conv, size)                                            \
+    for (unsigned p##_ = 0, p = 0; FOR_TILES_MORE(p, (conv)->pixels, size); \
+         p##_ += (size))
+#define FOR_TILES_MORE(p, pixels, size) \
+    (p##_ < (pixels) && (p = lull_min_u(p##_, (pixels) - (size)), 1))
 
 #endif
