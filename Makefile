@@ -103,6 +103,16 @@ OPENCL_CFLAGS := $(shell $(PKG_CONFIG) --cflags OpenCL)
 OPENCL_LIBS := $(shell $(PKG_CONFIG) --libs OpenCL)
 endif
 
+# The memory sanitizer knows only what it has compiled itself.
+ifneq ($(findstring memory,$(SAN)),)
+WITH_OPENEXR := 0
+WITH_PNG := 0
+OPENEXR_CFLAGS :=
+OPENEXR_LIBS :=
+PNG_CFLAGS :=
+PNG_LIBS :=
+endif
+
 # ---- Flags ---------------------------------------------------------------------------------------
 
 WARNINGS := -Wall -Wextra -Wundef -Wshadow -Wvla -Wstrict-prototypes -Wmissing-prototypes
@@ -300,7 +310,8 @@ check-built: tests
 
 # C tests and scripts under sanitizers: make check-san SAN=address,undefined (or memory, with CC=clang)
 check-san: tests
-	@$(PYTHON) tests/run.py --build $(BUILD) --kinds program $(CHECK)
+	@ASAN_OPTIONS=allocator_may_return_null=1 TSAN_OPTIONS=allocator_may_return_null=1 \
+	    $(PYTHON) tests/run.py --build $(BUILD) --kinds program $(CHECK)
 
 # Every port against scalar, slot by slot, and each one's speed; docs/ports.md keeps the results.
 conform: tests
