@@ -26,9 +26,10 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from training import color, errors, metrics, peer
+from export.tza import Reader
+from training import color, errors, metrics, nets, peer
 from training.data import hold_out
-from training.errors import DATA, USAGE, ToolError
+from training.errors import DATA, DEPENDENCY, USAGE, ToolError
 from training.features import load
 from training.imageio import read_exr_channels, replacing
 from training.infer import Denoiser
@@ -75,8 +76,23 @@ def has_features(version: Version, features: list[str]) -> bool:
     return all(find_channels(f, channels) for f in features)
 
 
-def load_denoiser(path: Path, features: list[str]) -> Denoiser:
-    """Our network of a weights file, as torch runs it."""
+class Program:
+    """A weights file that only the C core runs (integer models): our own oidnDenoise does it."""
+
+    def __init__(self, path: Path, features: list[str]):
+        self.path, self.features = path.resolve(), features
+        self.binary = nets.ROOT / "build" / "bin" / "oidnDenoise"
+        if not self.binary.exists():
+            raise ToolError(f"{self.binary}: missing; run make first", DEPENDENCY)
+
+    def run(self, images: dict[str, np.ndarray]) -> np.ndarray:
+        return peer.denoise(self.binary, images, self.path)
+
+
+def load_denoiser(path: Path, features: list[str]) -> Denoiser | Program:
+    """Our network of a weights file, as torch runs it; integer models as the C core does."""
+    if any(t.dtype == np.int8 for t in Reader(path).values()):
+        return Program(path, features)
     model = from_tensors(read_weights(path)).eval()
     if model.inputs != 3 * len(features):
         raise ToolError(f"{path}: has {model.inputs} input channels, {','.join(features)} are "
@@ -84,7 +100,8 @@ def load_denoiser(path: Path, features: list[str]) -> Denoiser:
     return Denoiser(model, features, features[0], "pu", [])
 
 
-def evaluate(case: Case, path: Path, denoiser: Denoiser, binary: Path | None,
+def evaluate(case: Case, path: Path, denoiser: Denoiser | Program,
+             binary: Path | None,
              names: list[str]) -> dict:
     """Scores of one case: by method and metric, and the agreement with OIDN running our weights."""
     images = load(case.source, denoiser.features)
@@ -95,8 +112,9 @@ def evaluate(case: Case, path: Path, denoiser: Denoiser, binary: Path | None,
     row: dict = {"case": case.name, "spp": case.source.spp}
     if binary:
         outputs["oidn"] = peer.denoise(binary, images)
-        theirs = peer.denoise(binary, images, path.resolve())
-        row["agreement"] = peer.difference(outputs["lull"], theirs)
+        if not isinstance(denoiser, Program):  # OIDN knows no integer models
+            theirs = peer.denoise(binary, images, path.resolve())
+            row["agreement"] = peer.difference(outputs["lull"], theirs)
     for method, image in outputs.items():
         row[method] = metrics.measure(metrics.to_display(image, "hdr", exposure), shown, names)
     return row
