@@ -68,4 +68,10 @@ void denoise_end(denoise_session *session);
 /* Loads, denoises, compares and writes a frame. */
 exit_code denoise_frame(denoise_session *session, int frame);
 
+/* All that the settings ask for: one image or a sequence, with its report. */
+exit_code denoise_run(const denoise_settings *settings);
+
+/* Settings as if there were no options. */
+void denoise_set_defaults(denoise_settings *settings);
+
 #endif

@@ -171,7 +171,7 @@ void denoise_print_help(void)
            "interrupted.\n");
 }
 
-static void set_defaults(S *s)
+void denoise_set_defaults(S *s)
 {
     memset(s, 0, sizeof *s);
     s->device = device_settings_default();
@@ -209,7 +209,7 @@ static exit_code validate(const S *s)
 
 exit_code denoise_parse(denoise_settings *settings, int argc, char **argv)
 {
-    set_defaults(settings);
+    denoise_set_defaults(settings);
     if (options_parse(table, OPTIONS, settings, set_positional, argc, argv))
         return EXIT_USAGE;
     return settings->is_help || settings->is_list ? EXIT_OK : validate(settings);

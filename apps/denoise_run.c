@@ -1,462 +1,57 @@
-#include "denoise.h"
-
-#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "compare.h"
-#include "doctor.h"
-#include "layers.h"
+#include "denoise.h"
 #include "platform.h"
 
-/* ---- Session --------------------------------------------------------------------------------- */
-
-/* Progress on stderr for a person; stops on an interrupt. */
-static bool on_progress(void *user, double n)
+/* All frames of the sequence, or the one image. */
+static exit_code run_frames(denoise_session *session, const denoise_settings *settings,
+                            json *report)
 {
-    if (*(const int *)user)
-        fprintf(stderr, "\rDenoising %d%% ", (int)(n * 100));
-    return !platform_interrupted();
-}
-
-static int shows_progress;
-
-exit_code denoise_begin(denoise_session *session, const denoise_settings *settings, json *report)
-{
-    char version[32];
-    double start = platform_clock();
-    memset(session, 0, sizeof *session);
-    session->settings = settings;
-    session->report = report;
-    if (settings->is_checking && !settings->output_count)
-        return EXIT_OK; /* nothing will be denoised */
-    if (settings->weights) {
-        session->weights = device_load_weights(settings->weights, &session->weights_size);
-        if (!session->weights)
-            return EXIT_INPUT;
-    }
-    report_line("Initializing device\n");
-    session->device = device_open(&settings->device);
-    if (!session->device)
-        return EXIT_DENOISE;
-    report_line("  device=%s, version=%s, msec=%g\n", device_type_name(session->device),
-                device_version(session->device, version), 1000 * (platform_clock() - start));
-    json_text(report, "device", device_type_name(session->device));
-    json_text(report, "version", version);
-    json_text(report, "filter", settings->filter);
-    shows_progress = platform_is_terminal(stderr) && settings->device.verbose < 2 &&
-                     !settings->is_json;
-    return EXIT_OK;
-}
-
-void denoise_end(denoise_session *session)
-{
-    if (session->filter)
-        oidnReleaseFilter(session->filter);
-    if (session->device)
-        oidnReleaseDevice(session->device);
-    free(session->weights);
-    memset(session, 0, sizeof *session);
-}
-
-/* ---- One frame ------------------------------------------------------------------------------- */
-
-typedef struct frame_job {
-    denoise_session *session;
-    const denoise_settings *settings;
-    int frame;
-    denoise_inputs inputs;
-    image output, backup, reference; /* backup: the input of repeated in-place runs */
-    device_image views[3], output_view;
-    int is_hdr, is_srgb; /* settings, or what --repair made of them */
-} frame_job;
-
-static void job_free(frame_job *job)
-{
-    for (int i = 0; i < 3; i++)
-        device_image_free(&job->views[i]);
-    device_image_free(&job->output_view);
-    image_destroy(&job->output);
-    image_destroy(&job->backup);
-    image_destroy(&job->reference);
-    denoise_inputs_free(&job->inputs);
-}
-
-/* The pending error of the device as an exit code; EXIT_OK if there is none. */
-static exit_code device_error(const frame_job *job, int is_commit)
-{
-    const char *text = NULL;
-    OIDNError error = oidnGetDeviceError(job->session->device, &text);
-    if (error == OIDN_ERROR_NONE)
-        return EXIT_OK;
-    if (error == OIDN_ERROR_CANCELLED)
-        return EXIT_INTERRUPTED;
-    if (is_commit && job->settings->weights && error != OIDN_ERROR_OUT_OF_MEMORY)
-        return report_error(EXIT_INPUT, "cannot use the weights '%s': %s", job->settings->weights,
-                            text);
-    return report_error(EXIT_DENOISE, "%s: %s", job->inputs.paths[job->inputs.main], text);
-}
-
-static void run_doctor(frame_job *job)
-{
-    const denoise_settings *s = job->settings;
-    json *report = job->session->report;
-    image *images = job->inputs.images;
-    findings found;
-    doctor_content content = s->is_directional ? DOCTOR_SIGNED
-                             : s->is_hdr       ? DOCTOR_HDR
-                             : s->is_srgb      ? DOCTOR_SRGB
-                                               : DOCTOR_LDR;
-
-    doctor_examine(&found, images[IMAGE_COLOR].pixels ? &images[IMAGE_COLOR] : NULL, content,
-                   images[IMAGE_ALBEDO].pixels ? &images[IMAGE_ALBEDO] : NULL,
-                   images[IMAGE_NORMAL].pixels ? &images[IMAGE_NORMAL] : NULL);
-    report_line("Checking input\n");
-    if (!found.count)
-        report_line("  nothing found\n");
-    json_open(report, "check", '[');
-    for (size_t i = 0; i < found.count; i++) {
-        const finding *f = &found.list[i];
-        const char *done = "";
-        if (s->is_repairing && f->kind == FINDING_NORMAL_ENCODED) {
-            image_decode_signed(&images[IMAGE_NORMAL]);
-            done = " (repaired: decoded)";
-        } else if (s->is_repairing && f->kind == FINDING_LDR_AS_HDR && job->is_hdr) {
-            job->is_hdr = 0;
-            job->is_srgb = image_path_is_linear(job->inputs.paths[IMAGE_COLOR]);
-            done = " (repaired: denoised as sRGB)";
-        }
-        report_line("  %s: %s%s\n", layers_role_name(f->role), f->text, done);
+    sequence frames;
+    exit_code code = EXIT_OK;
+    if (!settings->frames)
+        return denoise_frame(session, 0);
+    if (sequence_parse(&frames, settings->frames))
+        return report_error(
+            EXIT_USAGE,
+            "--frames does not take '%s'; a list such as 1-240 or 1,5,10-20x2 is expected",
+            settings->frames);
+    json_open(report, "frames", '[');
+    for (size_t i = 0; i < frames.count && !code; i++) {
+        report_line("Frame %d\n", frames.frames[i]);
         json_open(report, NULL, '{');
-        json_text(report, "image", layers_role_name(f->role));
-        json_text(report, "kind", doctor_kind_name(f->kind));
-        json_text(report, "text", f->text);
-        json_bool(report, "repaired", done[0] != 0);
+        json_number(report, "frame", frames.frames[i]);
+        code = denoise_frame(session, frames.frames[i]);
         json_close(report, '}');
     }
     json_close(report, ']');
-}
-
-/* The memory of the result, of the input's size, type and channels; or, if the result replaces the
- * input and is wanted several times, a copy of the input. */
-static exit_code make_output(frame_job *job)
-{
-    image *main = &job->inputs.images[job->inputs.main];
-    image *made = job->settings->is_in_place ? &job->backup : &job->output;
-    image_error error;
-    if (job->settings->is_in_place && job->settings->runs == 1)
-        return EXIT_OK;
-    if (image_create(made, main->width, main->height, main->channels, main->type, &error))
-        return report_error(EXIT_DENOISE, "%s: %s", job->inputs.paths[job->inputs.main],
-                            error.text);
-    if (job->settings->is_in_place)
-        memcpy(made->pixels, main->pixels, image_bytes(main));
-    return EXIT_OK;
-}
-
-static image *result_of(frame_job *job)
-{
-    return job->settings->is_in_place ? &job->inputs.images[job->inputs.main] : &job->output;
-}
-
-static exit_code make_views(frame_job *job)
-{
-    OIDNDevice device = job->session->device;
-    device_storage storage = (device_storage)job->settings->storage;
-    for (int i = 0; i < 3; i++) {
-        if (!job->inputs.images[i].pixels)
-            continue;
-        if (device_image_init(&job->views[i], device, &job->inputs.images[i], storage))
-            return device_error(job, 0);
-        device_image_upload(&job->views[i]);
-    }
-    if (!job->settings->is_in_place &&
-        device_image_init(&job->output_view, device, &job->output, storage))
-        return device_error(job, 0);
-    return device_error(job, 0);
-}
-
-/* Sets images and parameters and commits. */
-static void configure(frame_job *job)
-{
-    const denoise_settings *s = job->settings;
-    OIDNFilter filter = job->session->filter;
-    int is_lightmap = !strcmp(s->filter, "RTLightmap");
-    for (int i = 0; i < 3; i++) {
-        if (job->inputs.images[i].pixels)
-            device_image_set(&job->views[i], filter, layers_role_name((image_role)i));
-        else if (!is_lightmap || i == IMAGE_COLOR)
-            oidnUnsetFilterImage(filter, layers_role_name((image_role)i));
-    }
-    device_image_set(s->is_in_place ? &job->views[job->inputs.main] : &job->output_view, filter,
-                     "output");
-    if (is_lightmap) {
-        oidnSetFilterBool(filter, "directional", s->is_directional != 0);
-    } else {
-        oidnSetFilterBool(filter, "hdr", job->is_hdr != 0);
-        oidnSetFilterBool(filter, "srgb", job->is_srgb != 0);
-        oidnSetFilterBool(filter, "cleanAux", s->is_aux_clean != 0);
-    }
-    if (!isnan(s->input_scale))
-        oidnSetFilterFloat(filter, "inputScale", s->input_scale);
-    if (s->quality >= 0)
-        oidnSetFilterInt(filter, "quality", s->quality);
-    if (s->max_memory >= 0)
-        oidnSetFilterInt(filter, "maxMemoryMB", s->max_memory);
-    if (job->session->weights)
-        oidnSetSharedFilterData(filter, "weights", job->session->weights,
-                                job->session->weights_size);
-    oidnSetFilterProgressMonitorFunction(filter, on_progress, &shows_progress);
-    oidnCommitFilter(filter);
-}
-
-static exit_code make_filter(frame_job *job)
-{
-    double start = platform_clock();
-    image *normal = &job->inputs.images[IMAGE_NORMAL];
-    exit_code code;
-    report_line("Initializing filter\n");
-    if (!job->session->filter) {
-        job->session->filter = oidnNewFilter(job->session->device, job->settings->filter);
-        code = device_error(job, 0);
-        if (code)
-            return code;
-    }
-    configure(job);
-    if (job->inputs.is_found[IMAGE_NORMAL] && !job->inputs.images[IMAGE_ALBEDO].pixels &&
-        oidnGetDeviceError(job->session->device, NULL) != OIDN_ERROR_NONE) {
-        report_line("  normals are left out: there is no albedo\n");
-        json_bool(job->session->report, "normals_left_out", 1);
-        device_image_free(&job->views[IMAGE_NORMAL]);
-        image_destroy(normal);
-        configure(job);
-    }
-    code = device_error(job, 1);
-    if (!code)
-        report_line("  filter=%s, msec=%g\n", job->settings->filter,
-                    1000 * (platform_clock() - start));
+    sequence_free(&frames);
     return code;
 }
 
-/* Restores the input of an in-place run. */
-static void rewind_input(frame_job *job)
+exit_code denoise_run(const denoise_settings *settings)
 {
-    image *main = &job->inputs.images[job->inputs.main];
-    if (!job->settings->is_in_place)
-        return;
-    memcpy(main->pixels, job->backup.pixels, image_bytes(main));
-    device_image_upload(&job->views[job->inputs.main]);
-}
-
-/* Runs the filter once and downloads the result. */
-static exit_code execute(frame_job *job, double *seconds)
-{
-    double start = platform_clock();
+    denoise_session session;
+    json report;
     exit_code code;
-    if (platform_interrupted())
-        return EXIT_INTERRUPTED;
-    oidnExecuteFilter(job->session->filter);
-    code = device_error(job, 0);
-    *seconds = platform_clock() - start;
-    if (shows_progress)
-        fprintf(stderr, "\r               \r");
+
+    memset(&report, 0, sizeof report);
+    json_open(&report, NULL, '{');
+    platform_catch_interrupt();
+    code = denoise_begin(&session, settings, &report);
     if (!code)
-        device_image_download(job->settings->is_in_place ? &job->views[job->inputs.main]
-                                                         : &job->output_view);
-    return code;
-}
-
-static void save_debug(const char *path, const image *img)
-{
-    image_error error;
-    if (image_write(path, img, NULL, &error))
-        report_error(EXIT_OUTPUT, "cannot write '%s': %s", path, error.text);
-}
-
-/* The images of a failed comparison, in the current directory as Open Image Denoise's program
- * leaves them. */
-static void save_debug_images(frame_job *job)
-{
-    report_line("Saving debug images\n");
-    if (!job->settings->is_in_place)
-        save_debug("denoise_in.pfm", &job->inputs.images[job->inputs.main]);
-    else if (job->backup.pixels)
-        save_debug("denoise_in.pfm", &job->backup);
-    save_debug("denoise_out.pfm", result_of(job));
-    if (job->reference.pixels)
-        save_debug("denoise_ref.pfm", &job->reference);
-}
-
-static exit_code verify(frame_job *job, comparison *result)
-{
-    const denoise_settings *s = job->settings;
-    double limit = !isnan(s->max_error)                     ? (double)s->max_error
-                   : denoise_is_signed(s, job->inputs.main) ? COMPARE_MAX_ERROR_SIGNED
-                                                            : COMPARE_MAX_ERROR;
-    report_line("Verifying output\n");
-    image_compare(result, &job->reference, result_of(job), limit);
-    report_line("  values=%zu, errors=%zu, avgerror=%g\n", result->values, result->errors,
-                result->average);
-    if (!result->errors)
-        return EXIT_OK;
-    save_debug_images(job);
-    for (size_t i = 0; i < result->shown; i++)
-        fprintf(stderr, "  error i=%zu, expect=%g, actual=%g\n", result->examples[i].index,
-                (double)result->examples[i].expected, (double)result->examples[i].actual);
-    return report_error(EXIT_DENOISE, "output does not match the reference");
-}
-
-/* One repetition with its result line; *hash is that of the first one afterwards. */
-static exit_code run_once(frame_job *job, int run, uint32_t *hash)
-{
-    json *report = job->session->report;
-    double seconds = 0;
-    uint32_t mine;
-    char text[16];
-    exit_code code;
-    if (run)
-        rewind_input(job);
-    report_line("Denoising\n");
-    code = execute(job, &seconds);
+        code = run_frames(&session, settings, &report);
+    denoise_end(&session);
+    if (code == EXIT_INTERRUPTED)
+        report_error(code, "interrupted");
+    json_number(&report, "peak_memory_bytes", (double)platform_peak_memory());
+    json_number(&report, "exit_code", code);
     if (code)
-        return code;
-    mine = image_hash(result_of(job));
-    snprintf(text, sizeof text, "%08x", (unsigned)mine);
-    report_line("  msec=%g, hash=%s\n", 1000 * seconds, text);
-    json_open(report, NULL, '{');
-    json_number(report, "msec", 1000 * seconds);
-    json_text(report, "hash", text);
-    json_close(report, '}');
-    if (run && mine != *hash) {
-        save_debug_images(job);
-        return report_error(EXIT_DENOISE, "output hash mismatch: %08x, then %s", (unsigned)*hash,
-                            text);
-    }
-    *hash = mine;
-    return EXIT_OK;
-}
-
-/* All repetitions; the first one's result is compared with the reference. */
-static exit_code run_all(frame_job *job)
-{
-    json *report = job->session->report;
-    comparison compared = {0};
-    uint32_t hash = 0;
-    exit_code code = EXIT_OK;
-    json_open(report, "runs", '[');
-    for (int run = 0; run < job->settings->runs && !code; run++) {
-        code = run_once(job, run, &hash);
-        if (!code && !run && job->reference.pixels)
-            code = verify(job, &compared);
-    }
-    json_close(report, ']');
-    if (compared.values) {
-        json_open(report, "reference", '{');
-        json_text(report, "file", job->settings->reference);
-        json_number(report, "values", (double)compared.values);
-        json_number(report, "errors", (double)compared.errors);
-        json_number(report, "avgerror", compared.average);
-        json_close(report, '}');
-    }
-    return code;
-}
-
-/* A copy for a format that holds integers or sRGB, or NULL if the values can go as they are. */
-static image *display_copy(const frame_job *job, const image *result, const char *path, image *copy,
-                           image_error *error)
-{
-    int is_signed = denoise_is_signed(job->settings, job->inputs.main);
-    if (is_signed ? !image_path_is_integer(path) : image_path_is_linear(path) || job->is_srgb)
-        return NULL;
-    if (image_create(copy, result->width, result->height, result->channels, IMAGE_FLOAT, error))
-        return NULL;
-    for (size_t i = 0, n = image_count(result); i < n; i++)
-        image_set(copy, i, image_get(result, i));
-    if (is_signed)
-        image_encode_signed(copy);
-    else
-        image_encode_srgb(copy);
-    return copy;
-}
-
-static exit_code write_output(frame_job *job, const char *pattern)
-{
-    const image *main = &job->inputs.images[job->inputs.main];
-    image *result = result_of(job);
-    char *path = sequence_path(pattern, job->frame);
-    image_target target = {main->is_layered ? job->inputs.paths[job->inputs.main] : NULL};
-    image copy = {0}, *shown;
-    image_error error = {IMAGE_OK, ""};
-
-    if (!path)
-        return report_error(EXIT_OUTPUT, "cannot write '%s': not enough memory", pattern);
-    shown = display_copy(job, result, path, &copy, &error);
-    if (!error.status) {
-        image whole = shown ? *shown : *result; /* borrows pixels and alpha */
-        whole.alpha = main->alpha;
-        whole.bits = main->bits;
-        whole.is_layered = main->is_layered;
-        whole.part = main->part;
-        memcpy(whole.names, main->names, sizeof whole.names);
-        image_write(path, &whole, &target, &error);
-    }
-    image_destroy(&copy);
-    if (error.status)
-        report_error(EXIT_OUTPUT, "cannot write '%s': %s", path, error.text);
-    else
-        json_text(job->session->report, NULL, path);
-    free(path);
-    return error.status ? EXIT_OUTPUT : EXIT_OK;
-}
-
-static exit_code write_outputs(frame_job *job)
-{
-    exit_code code = EXIT_OK;
-    if (!job->settings->output_count)
-        return EXIT_OK;
-    report_line("Saving output\n");
-    json_open(job->session->report, "outputs", '[');
-    for (int i = 0; i < job->settings->output_count && !code; i++)
-        code = platform_interrupted() ? EXIT_INTERRUPTED
-                                      : write_output(job, job->settings->outputs[i]);
-    json_close(job->session->report, ']');
-    return code;
-}
-
-/* Everything after loading. */
-static exit_code process(frame_job *job)
-{
-    exit_code code;
-    if (job->settings->is_checking || job->settings->is_repairing)
-        run_doctor(job);
-    if (job->settings->is_checking && !job->settings->output_count)
-        return EXIT_OK;
-    code = make_output(job);
-    if (!code && job->settings->reference)
-        code = denoise_load_reference(&job->reference, job->settings, &job->inputs, job->frame);
-    if (!code)
-        code = make_views(job);
-    if (!code)
-        code = make_filter(job);
-    if (!code)
-        code = run_all(job);
-    return code ? code : write_outputs(job);
-}
-
-exit_code denoise_frame(denoise_session *session, int frame)
-{
-    frame_job job;
-    exit_code code;
-    memset(&job, 0, sizeof job);
-    job.session = session;
-    job.settings = session->settings;
-    job.frame = frame;
-    job.is_hdr = job.settings->is_hdr;
-    job.is_srgb = job.settings->is_srgb;
-    report_line("Loading input\n");
-    code = denoise_load(&job.inputs, job.settings, frame, session->report);
-    if (!code)
-        code = platform_interrupted() ? EXIT_INTERRUPTED : process(&job);
-    job_free(&job);
+        json_text(&report, "error", report_last_error());
+    json_close(&report, '}');
+    if (settings->is_json)
+        json_print(&report);
+    free(report.text);
     return code;
 }

@@ -1,62 +1,6 @@
 /* oidnDenoise: denoises images, with the options and result lines of Open Image Denoise's program
  * of that name. docs/apps.md is its manual. */
-#include <stdlib.h>
-#include <string.h>
-
 #include "denoise.h"
-#include "platform.h"
-
-/* All frames of the sequence, or the one image. */
-static exit_code run_frames(denoise_session *session, const denoise_settings *settings,
-                            json *report)
-{
-    sequence frames;
-    exit_code code = EXIT_OK;
-    if (!settings->frames)
-        return denoise_frame(session, 0);
-    if (sequence_parse(&frames, settings->frames))
-        return report_error(
-            EXIT_USAGE,
-            "--frames does not take '%s'; a list such as 1-240 or 1,5,10-20x2 is expected",
-            settings->frames);
-    json_open(report, "frames", '[');
-    for (size_t i = 0; i < frames.count && !code; i++) {
-        report_line("Frame %d\n", frames.frames[i]);
-        json_open(report, NULL, '{');
-        json_number(report, "frame", frames.frames[i]);
-        code = denoise_frame(session, frames.frames[i]);
-        json_close(report, '}');
-    }
-    json_close(report, ']');
-    sequence_free(&frames);
-    return code;
-}
-
-static exit_code run(const denoise_settings *settings)
-{
-    denoise_session session;
-    json report;
-    exit_code code;
-
-    memset(&report, 0, sizeof report);
-    json_open(&report, NULL, '{');
-    platform_catch_interrupt();
-    code = denoise_begin(&session, settings, &report);
-    if (!code)
-        code = run_frames(&session, settings, &report);
-    denoise_end(&session);
-    if (code == EXIT_INTERRUPTED)
-        report_error(code, "interrupted");
-    json_number(&report, "peak_memory_bytes", (double)platform_peak_memory());
-    json_number(&report, "exit_code", code);
-    if (code)
-        json_text(&report, "error", report_last_error());
-    json_close(&report, '}');
-    if (settings->is_json)
-        json_print(&report);
-    free(report.text);
-    return code;
-}
 
 int main(int argc, char **argv)
 {
@@ -79,5 +23,5 @@ int main(int argc, char **argv)
     }
     if (settings.is_json)
         report_be_quiet();
-    return run(&settings);
+    return denoise_run(&settings);
 }
