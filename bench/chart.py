@@ -32,6 +32,7 @@ from training.data import hold_out
 from training.errors import ToolError
 from training.evaluate import Case, find_cases, has_features
 from training.features import load
+from training.imageio import read_pfm
 from training.scan import scan
 
 FEATURES = ["hdr", "alb", "nrm"]
@@ -111,12 +112,10 @@ def score(method: Method, case: Case, images: dict[str, np.ndarray], target: np.
         out = joint_bilateral(images["hdr"], images["alb"], images["nrm"])
         method.ms_per_mp = (time.perf_counter() - start) * 1e9 / out[..., 0].size
     else:
-        options: list[str | Path] = []
-        for name, image in images.items():
-            options += [f"--{name}", pictures.write_pfm(folder / f"{name}.pfm", image)]
+        options = pictures.write_inputs(folder, images)
         oidn.run(method.entry.program, "-d", "cpu", *options, *method.entry.options,
                  "-o", folder / "out.pfm")
-        out = pictures.read_pfm(folder / "out.pfm")
+        out = read_pfm(folder / "out.pfm")
     exposure = np.float32(color.autoexposure(target))
     shown = metrics.to_display(target, "hdr", exposure)
     row = metrics.measure(metrics.to_display(out, "hdr", exposure), shown, list(NAMES[:3]))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import os
 import re
 import subprocess
@@ -10,6 +9,8 @@ import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
+
+from training.peer import find_binary
 
 ROOT = Path(__file__).resolve().parent.parent
 BUILD = Path(os.environ.get("LULL_BUILD", ROOT / "build"))
@@ -38,10 +39,10 @@ def ours(program: str = "oidnDenoise") -> Path:
 
 def theirs(program: str = "oidnDenoise") -> Path:
     """A program of Open Image Denoise 2.5.1, from the package pyoidn."""
-    spec = importlib.util.find_spec("pyoidn")
-    if spec is None or spec.origin is None:
+    denoiser = find_binary()
+    if denoiser is None:
         raise PeerError("the package pyoidn is not installed: run make peer")
-    path = Path(spec.origin).parent / "oidn" / "bin" / program
+    path = denoiser.with_name(program)
     if not os.access(path, os.X_OK):
         path.chmod(0o755)
     return path

@@ -23,6 +23,8 @@ import torch
 from bench import oidn, pictures
 from bench.randomnet import write_random
 from training import color
+from training.imageio import read_pfm
+from training.peer import difference
 
 AVERAGE_LIMIT = 0.003
 MODELS = ("w16", "unet_small", "unet", "unet_large")
@@ -80,29 +82,16 @@ def codes(mode: Mode, picture: pictures.Picture) -> torch.Tensor:
     return torch.from_numpy(np.concatenate(parts, -1).astype(np.float32)).permute(2, 0, 1)[None]
 
 
-def difference(expected: np.ndarray, actual: np.ndarray) -> tuple[float, int]:
-    """(mean relative error, outliers) by OIDN's metric."""
-    if expected.shape != actual.shape:
-        raise oidn.PeerError(f"sizes differ: {expected.shape} and {actual.shape}")
-    e, a = expected.astype(np.float64), actual.astype(np.float64)
-    error = np.abs(e - a)
-    relative = error / (np.abs(e) + np.abs(a) + 0.01)
-    good = (error <= 0.02) | (relative <= 0.05)  # NaN is never good
-    return float(relative.mean()), int((~good).sum())
-
-
 def compare(mode: Mode, picture: pictures.Picture, weights: Path, folder: Path) -> dict[str, float]:
     """Runs both programs on one picture."""
-    arguments = list(mode.options)
-    for option, image in mode.images.items():
-        arguments += [option, pictures.write_pfm(folder / f"{option[2:]}.pfm", image(picture))]
-    arguments += ["-w", weights]
+    images = {option[2:]: image(picture) for option, image in mode.images.items()}
+    arguments = [*mode.options, *pictures.write_inputs(folder, images), "-w", weights]
     out = {}
     for name, program in (("theirs", oidn.theirs()), ("ours", oidn.ours())):
         path = folder / f"{name}.pfm"
         path.unlink(missing_ok=True)
         oidn.run(program, "-d", "cpu", "--threads", "1", *arguments, "-o", path)
-        out[name] = pictures.read_pfm(path)
+        out[name] = read_pfm(path)
     average, outliers = difference(out["theirs"], out["ours"])
     return {"average": average, "outliers": outliers,
             "maximum": float(np.abs(out["theirs"] - out["ours"]).max()),

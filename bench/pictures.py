@@ -1,4 +1,4 @@
-"""Pictures for the comparisons: real renders with albedo and normal, and PFM files."""
+"""Pictures for the comparisons: real renders with albedo and normal."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from bench.oidn import ROOT
-from training.imageio import read_exr_channels
+from training.imageio import read_exr_channels, write_pfm
 
 SHARED = ROOT.parent / "shared" / "images"  # renders beside the checkout, where there are any
 # (file, left, top, width, height): three sizes, two of them odd
@@ -73,20 +73,11 @@ def mirrored(picture: Picture, width: int, height: int) -> Picture:
                    fill(picture.albedo), fill(picture.normal))
 
 
-def write_pfm(path: Path, image: np.ndarray) -> Path:
-    """[H,W,3] to a little-endian PFM (rows from the bottom up)."""
-    height, width, _ = image.shape
-    with open(path, "wb") as file:
-        file.write(f"PF\n{width} {height}\n-1.0\n".encode())
-        file.write(np.ascontiguousarray(image[::-1], "<f4").tobytes())
-    return path
-
-
-def read_pfm(path: Path) -> np.ndarray:
-    """[H,W,C] float32 of a PFM."""
-    with open(path, "rb") as file:
-        channels = {b"PF": 3, b"Pf": 1}[file.readline().strip()]
-        width, height = map(int, file.readline().split())
-        scale = float(file.readline())
-        data = np.frombuffer(file.read(), "<f4" if scale < 0 else ">f4")
-    return data.reshape(height, width, channels)[::-1] * np.float32(abs(scale))
+def write_inputs(folder: Path, images: dict[str, np.ndarray], suffix: str = "") -> list[str | Path]:
+    """Writes images as PFM files; returns the options of oidnDenoise that name them."""
+    options: list[str | Path] = []
+    for name, image in images.items():
+        path = folder / f"{name}{suffix}.pfm"
+        write_pfm(path, image)
+        options += [f"--{name}", path]
+    return options

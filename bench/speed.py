@@ -19,8 +19,6 @@ import tempfile
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import numpy as np
-
 from bench import oidn, peer, pictures
 from bench.randomnet import write_random
 
@@ -68,12 +66,8 @@ def entries(folder: Path, ports: list[str]) -> list[Entry]:
 def write_inputs(folder: Path, width: int, height: int) -> list[str | Path]:
     """A render of this size as PFM files; the options that name them."""
     picture = pictures.mirrored(pictures.sizes()[0], width, height)
-    images: dict[str, np.ndarray] = {"hdr": picture.color, "alb": picture.albedo,
-                                     "nrm": picture.normal}
-    options: list[str | Path] = []
-    for name, image in images.items():
-        options += [f"--{name}", pictures.write_pfm(folder / f"{name}{height}.pfm", image)]
-    return options
+    images = {"hdr": picture.color, "alb": picture.albedo, "nrm": picture.normal}
+    return pictures.write_inputs(folder, images, str(height))
 
 
 def measure(entry: Entry, inputs: list[str | Path], pixels: int, height: int, threads: int,
