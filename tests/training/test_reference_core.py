@@ -1,0 +1,49 @@
+"""The built program gives the numpy reference's pictures, bit for bit, with integer models."""
+
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from export.pixels import Frame
+from export.reference import denoise, load_model
+from export.synthetic import noisy
+from training.imageio import read_pfm, write_pfm
+
+GOLDEN = Path(__file__).resolve().parent.parent / "golden"
+
+
+def run(build: Path, work: Path, images: dict[str, np.ndarray], model: Path, *args: str):
+    """oidnDenoise on PFM files; `args` holds the option that takes the main image."""
+    command = [build / "bin" / "oidnDenoise", "-w", model, "-t", "float", "-o", "out.pfm",
+               "--threads", "2"]
+    for feature, option in (("color", args[0]), ("albedo", "--alb"), ("normal", "--nrm")):
+        if feature in images:
+            write_pfm(work / f"{feature}.pfm", images[feature])
+            command += [option, f"{feature}.pfm"]
+    done = subprocess.run([*map(str, command), *args[1:]], cwd=work, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return read_pfm(work / "out.pfm")
+
+
+@pytest.mark.parametrize("name,content,args", [
+    ("int_unet_9_mixed", "hdr", ("--hdr",)), ("int_unet_9_mixed", "ldr", ("--ldr",)),
+    ("int_unet_9_extreme", "srgb", ("--ldr", "--srgb")), ("int_unet_6_wide", "hdr", ("--hdr",)),
+    ("int_unet_large_3_wide", "hdr", ("--hdr",)),
+    ("int_unet_3_widest", "lightmap-hdr", ("--hdr", "-f", "RTLightmap")),
+    ("int_unet_3_eights", "lightmap-dir", ("--dir", "-f", "RTLightmap")),
+])
+def test_same_picture(name, content, args, build, work):
+    model = load_model(GOLDEN / name / "weights.tza")
+    images = {k: v[:53, :70] for k, v in noisy(70, 5, 2).items()}
+    if content == "lightmap-dir":
+        images["color"] = images["normal"]
+    images["color"][3, 4] = np.nan, np.inf, -7
+    images["color"][9:20, :] *= 1e-6
+    images["color"][20:30, :] *= 1e5
+    images = {k: images[k] for k in ("color", "albedo", "normal")[:model.inputs // 3]}
+    wanted = denoise(model, Frame(images, content))
+    got = run(build, work, images, GOLDEN / name / "weights.tza", *args)
+    assert got.shape == wanted.shape and wanted.std() > 0
+    assert (got.view(np.uint32) == wanted.astype(np.float32).view(np.uint32)).all()
