@@ -294,8 +294,8 @@ static unsigned reach(const lull_graph *graph)
     return (unsigned)lull_align_up(field, align);
 }
 
-/* Family U: which outputs have 15-bit codes. Those of the last layer and its source, unless the file
- * says otherwise, and those that it names. */
+/* Family U: which outputs have 15-bit codes. Those of the last layer and its source, unless the
+ * file says otherwise, and those that it names. */
 static lull_status read_widths(lull_graph *graph, const lull_tza *tza)
 {
     unsigned last = graph->layers;
