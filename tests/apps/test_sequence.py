@@ -1,7 +1,9 @@
-"""oidnDenoise: numbered files and interruption."""
+"""oidnDenoise: numbered files, progress and interruption."""
 
 from __future__ import annotations
 
+import os
+import re
 import signal
 import subprocess
 import time
@@ -42,6 +44,25 @@ def test_sequence_with_step_stops_at_a_missing_frame(denoise, identity, work):
     done = denoise("--hdr", "f#.pfm", "-w", identity[3], "-o", "out#.pfm", "--frames", "2-8x2")
     assert done.code == 2 and "f6.pfm" in done.error
     assert sorted(p.name for p in work.glob("out*")) == ["out2.pfm", "out4.pfm"]
+
+
+# ---- Progress ------------------------------------------------------------------------------------
+
+
+def test_progress_is_shown_to_a_person_only(build, denoise, identity, work):
+    t.write_pfm(work / "in.pfm", t.noise(256, 256))
+    arguments = ["--hdr", "in.pfm", "-w", str(identity[3])]
+    master, slave = os.openpty()
+    done = subprocess.run(
+        [build / "bin" / "oidnDenoise", *arguments], stdout=subprocess.PIPE, stderr=slave, text=True
+    )
+    os.close(slave)
+    shown = os.read(master, 65536).decode()
+    os.close(master)
+    assert done.returncode == 0 and "%" not in done.stdout
+    percents = [int(n) for n in re.findall(r"\rDenoising (\d+)%", shown)]
+    assert percents == sorted(percents) and percents[-1] == 100 and len(percents) > 3
+    assert denoise(*arguments).err == ""
 
 
 # ---- Interruption --------------------------------------------------------------------------------
