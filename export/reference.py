@@ -19,6 +19,7 @@ NARROW_MAX, WIDE_MAX = 255, 32767
 PAIR_MAX = 128   # bound of a pair's positive and of its negative weights
 WEIGHT_MAX = 127
 SHIFT_MAX = 15
+SCALE_MAX = 1e6  # of inputs and output
 INT32 = 1 << 31
 
 
@@ -236,8 +237,8 @@ def int_model(tensors: Mapping[str, np.ndarray], file: str) -> IntModel:
         channels[name] = o
     scales = [_tensor(tensors, f"{t}.scale", np.float32, (n,), file)
               for t, n in (("input", channels["input"]), ("output", 1))]
-    if not all(np.isfinite(s).all() and (s > 0).all() for s in scales):
-        raise ModelError(f"{file}: input.scale and output.scale must be positive")
+    if not all((s >= 0).all() and (s <= SCALE_MAX).all() for s in scales):
+        raise ModelError(f"{file}: input.scale and output.scale must be from 0 to {SCALE_MAX:g}")
     return IntModel(net, layers, scales[0], scales[1][0])
 
 

@@ -116,7 +116,8 @@ def huge_sums(t):
     t["dec_conv1a.bias"][:] = 2**31 - 1
 
 
-@pytest.mark.parametrize("change,word", [
+# What may be wrong with a model: a change to its tensors, and a word of the error.
+BREAKS = [
     (lambda t: t.pop("enc_conv2.scale"), "enc_conv2.scale"),
     (lambda t: t.pop("dec_conv0.bias"), "dec_conv0.bias"),
     (lambda t: t.pop("dec_conv1a.skip.weight"), "dec_conv1a.skip.weight"),
@@ -131,9 +132,15 @@ def huge_sums(t):
     (put("enc_conv3.scale", -0.1), "enc_conv3.scale"),
     (put("dec_conv1a.shift", 16), "dec_conv1a.shift"),
     (huge_sums, "32 bits"),
-    (put("input.scale", 0.0), "input.scale"),
+    (put("input.scale", -1.0), "input.scale"),
     (put("output.scale", np.inf), "output.scale"),
-])
+    (lambda t: t.update({"dec_conv1a.max": np.array([254], np.int32)}), "dec_conv1a.max"),
+    (lambda t: t.update({"dec_conv1a.max": np.array([32767, 1], np.int32)}), "dec_conv1a.max"),
+    (lambda t: t.update({"enc_conv1.max": np.array([32767], np.int32)}), "enc_conv1.max"),
+]
+
+
+@pytest.mark.parametrize("change,word", BREAKS)
 def test_broken_models_are_refused(change, word):
     tensors = model_tensors()
     int_model(tensors, "x.tza")  # is fine before

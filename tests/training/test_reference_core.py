@@ -9,6 +9,8 @@ import pytest
 from export.pixels import Frame
 from export.reference import denoise, load_model
 from export.synthetic import noisy
+from export.tza import Writer
+from tests.training.test_reference import BREAKS, MIXED, model_tensors
 from training.imageio import read_pfm, write_pfm
 
 GOLDEN = Path(__file__).resolve().parent.parent / "golden"
@@ -47,3 +49,23 @@ def test_same_picture(name, content, args, build, work):
     got = run(build, work, images, GOLDEN / name / "weights.tza", *args)
     assert got.shape == wanted.shape and wanted.std() > 0
     assert (got.view(np.uint32) == wanted.astype(np.float32).view(np.uint32)).all()
+
+
+def test_the_program_refuses_what_the_reference_refuses(build, work):
+    write_pfm(work / "color.pfm", noisy(16, 1, 1)["color"])
+    for feature in ("albedo", "normal"):
+        write_pfm(work / f"{feature}.pfm", noisy(16, 1, 1)[feature])
+    command = [str(build / "bin" / "oidnDenoise"), "--hdr", "color.pfm", "--alb", "albedo.pfm",
+               "--nrm", "normal.pfm", "-w", "model.tza", "-o", "out.pfm"]
+
+    def code(tensors) -> int:
+        with Writer(work / "model.tza") as w:
+            for name, tensor in tensors.items():
+                w.write(name, tensor)
+        return subprocess.run(command, cwd=work, capture_output=True).returncode
+
+    assert MIXED.exists() and code(model_tensors()) == 0
+    for change, word in BREAKS:
+        tensors = model_tensors()
+        change(tensors)
+        assert code(tensors) > 0, word
