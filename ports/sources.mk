@@ -16,7 +16,7 @@ PORT_SCALAR_SOURCES := ports/scalar/port_scalar.c ports/scalar/conv_f32_scalar.c
 PORT_AVX2_ARCH := x86
 PORT_AVX2_FLAGS := -mavx2 -mfma
 PORT_AVX2_SOURCES := ports/x86/port_avx2.c ports/x86/conv_f32_avx2.c ports/x86/conv_int_avx2.c \
-                     ports/x86/pool_avx2.c
+                     ports/x86/pool_avx2.c ports/x86/filter5_avx2.c
 
 PORT_AVX512_ARCH := x86
 PORT_AVX512_FLAGS := -mavx512f -mavx512bw -mavx512vl -mavx512dq -mfma -mprefer-vector-width=512
@@ -34,7 +34,7 @@ PORT_VNNI_SOURCES := ports/x86/port_vnni.c ports/x86/conv_int_vnni.c
 PORT_NEON_ARCH := arm64 arm32
 PORT_NEON_FLAGS_arm32 := -mfpu=neon
 PORT_NEON_SOURCES := ports/arm/port_neon.c ports/arm/conv_f32_neon.c ports/arm/conv_int_neon.c \
-                     ports/arm/pool_neon.c
+                     ports/arm/pool_neon.c ports/arm/filter5_neon.c
 
 PORT_DOTPROD_ARCH := arm64
 PORT_DOTPROD_FLAGS := -march=armv8.2-a+dotprod

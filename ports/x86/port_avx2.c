@@ -9,4 +9,5 @@ void lull_port_avx2(lull_kernels *kernels)
     kernels->pool_f32 = lull_pool_f32_avx2;
     kernels->conv_int = lull_conv_int_avx2;
     kernels->pool_u8 = lull_pool_u8_avx2;
+    kernels->filter5 = lull_filter5_avx2;
 }

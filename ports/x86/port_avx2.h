@@ -14,5 +14,7 @@ void lull_pool_f32_avx2(float *out, const float *above, const float *below, unsi
                         unsigned pixels);
 void lull_pool_u8_avx2(uint8_t *out, const uint8_t *above, const uint8_t *below, unsigned channels,
                        unsigned pixels);
+void lull_filter5_avx2(float *out, const float *const *rows, const uint8_t *codes, size_t code_step,
+                       const float *table, unsigned pixels);
 
 #endif

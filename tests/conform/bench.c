@@ -176,6 +176,72 @@ static void bench_conv(const char *port, const lull_kernels *kernels, int is_int
     }
 }
 
+/* ---- The other slots: nanoseconds for each output pixel
+ * ---------------------------------------- */
+
+#define CHANNELS 32u
+#define CODE_STEP 52u
+
+static float *floats;
+static uint8_t *bytes;
+static const float *filter_rows[5];
+
+static void run_pool_f32(const lull_kernels *k)
+{
+    k->pool_f32(floats, floats + 64 * PIXELS, floats + 256 * PIXELS, CHANNELS, PIXELS);
+}
+
+static void run_pool_u8(const lull_kernels *k)
+{
+    k->pool_u8(bytes, bytes + 64 * PIXELS, bytes + 256 * PIXELS, CHANNELS, PIXELS);
+}
+
+static void run_filter5(const lull_kernels *k)
+{
+    k->filter5(floats, filter_rows, bytes, CODE_STEP, floats + 256 * PIXELS, PIXELS);
+}
+
+static double pixel_time(void (*run)(const lull_kernels *), const lull_kernels *kernels)
+{
+    double best[RUNS];
+    run(kernels);
+    for (unsigned i = 0; i < RUNS; i++) {
+        double start = cpu_seconds(), end;
+        unsigned n = 0;
+        do {
+            run(kernels);
+            n++;
+        } while ((end = cpu_seconds()) - start < RUN_SECONDS);
+        best[i] = (end - start) / n / PIXELS;
+    }
+    qsort(best, RUNS, sizeof *best, ascending);
+    return best[RUNS / 2];
+}
+
+static unsigned bench_pixels(const char *port, const lull_kernels *kernels,
+                             const lull_kernels *scalar)
+{
+    unsigned done = 0, all = kernels == scalar;
+    floats = memory(512 * PIXELS * sizeof *floats);
+    bytes = memory(512 * PIXELS);
+    for (unsigned i = 0; i < 512 * PIXELS; i++) {
+        floats[i] = (float)(i * 37 % 101) * 0.01f;
+        bytes[i] = (uint8_t)(i * 37 % 251);
+    }
+    for (unsigned y = 0; y < 5; y++)
+        filter_rows[y] = floats + (8 + 8 * y) * PIXELS;
+#define BENCH(slot, what)                                                     \
+    if (all || kernels->slot != scalar->slot)                                 \
+        done++, printf("%-8s %-8s %-24s %7.2f ns/pixel\n", port, #slot, what, \
+                       1e9 * pixel_time(run_##slot, kernels));
+    BENCH(pool_f32, "32 channels")
+    BENCH(pool_u8, "32 channels")
+    BENCH(filter5, "25 codes")
+    free(floats);
+    free(bytes);
+    return done;
+}
+
 int bench_main(const char *port)
 {
     static const struct {
@@ -198,6 +264,7 @@ int bench_main(const char *port)
             bench_conv(ports[i].name, &kernels, 0), done++;
         if (i == 0 || kernels.conv_int != scalar.conv_int)
             bench_conv(ports[i].name, &kernels, 1), done++;
+        done += bench_pixels(ports[i].name, i ? &kernels : &scalar, &scalar);
     }
     if (!done)
         fprintf(stderr, "bench: no port '%s' on this CPU\n", port ? port : "");

@@ -32,6 +32,7 @@
 #define lull_conv_int_avx2 emulated_conv_int_avx2
 #define lull_pool_f32_avx2 emulated_pool_f32_avx2
 #define lull_pool_u8_avx2 emulated_pool_u8_avx2
+#define lull_filter5_avx2 emulated_filter5_avx2
 #define lull_conv_f32_avx512 emulated_conv_f32_avx512
 #define lull_conv_int_avx512 emulated_conv_int_avx512
 #define lull_conv_int_avxvnni emulated_conv_int_avxvnni

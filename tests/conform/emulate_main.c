@@ -24,7 +24,8 @@ int main(int argc, char **argv)
 #else
     (void)rows;
     for (unsigned i = 0; i < sizeof names / sizeof names[0]; i++)
-        conform_skip(names[i], "optional: needs SIMDe (Debian: libsimde-dev) and a little-endian CPU");
+        conform_skip(names[i],
+                     "optional: needs SIMDe (Debian: libsimde-dev), a little-endian CPU");
 #endif
     return conform_report();
 }
