@@ -11,15 +11,23 @@
 
 /* ---- Session --------------------------------------------------------------------------------- */
 
-/* Progress on stderr for a person; stops on an interrupt. */
+/* Progress on stderr for a person; stops on an interrupt. The percentage is printed when it
+ * changes. */
+typedef struct progress {
+    int is_shown, percent;
+} progress;
+
+static progress shown_progress;
+
 static bool on_progress(void *user, double n)
 {
-    if (*(const int *)user)
-        fprintf(stderr, "\rDenoising %d%% ", (int)(n * 100));
+    progress *p = user;
+    int percent = (int)(n * 100);
+    if (p->is_shown && percent != p->percent)
+        fprintf(stderr, "\rDenoising %d%% ", percent);
+    p->percent = percent;
     return !platform_interrupted();
 }
-
-static int shows_progress;
 
 exit_code denoise_begin(denoise_session *session, const denoise_settings *settings, json *report)
 {
@@ -44,8 +52,8 @@ exit_code denoise_begin(denoise_session *session, const denoise_settings *settin
     json_text(report, "device", device_type_name(session->device));
     json_text(report, "version", version);
     json_text(report, "filter", settings->filter);
-    shows_progress = platform_is_terminal(stderr) && settings->device.verbose < 2 &&
-                     !settings->is_json;
+    shown_progress.is_shown = platform_is_terminal(stderr) && settings->device.verbose < 2 &&
+                              !settings->is_json;
     return EXIT_OK;
 }
 
@@ -206,7 +214,7 @@ static void configure(frame_job *job)
     if (job->session->weights)
         oidnSetSharedFilterData(filter, "weights", job->session->weights,
                                 job->session->weights_size);
-    oidnSetFilterProgressMonitorFunction(filter, on_progress, &shows_progress);
+    oidnSetFilterProgressMonitorFunction(filter, on_progress, &shown_progress);
     oidnCommitFilter(filter);
 }
 
@@ -255,10 +263,11 @@ static exit_code execute(frame_job *job, double *seconds)
     exit_code code;
     if (platform_interrupted())
         return EXIT_INTERRUPTED;
+    shown_progress.percent = -1;
     oidnExecuteFilter(job->session->filter);
     code = device_error(job, 0);
     *seconds = platform_clock() - start;
-    if (shows_progress)
+    if (shown_progress.is_shown)
         fprintf(stderr, "\r               \r");
     if (!code)
         device_image_download(job->settings->is_in_place ? &job->views[job->inputs.main]
