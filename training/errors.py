@@ -23,7 +23,7 @@ class ToolError(Exception):
 def run(main: Callable[[list[str]], object], argv: list[str] | None = None) -> None:
     """Run a script's main and leave the process: with 0, or one line on stderr and a code."""
     if hasattr(sys.stdout, "reconfigure"):
-        sys.stdout.reconfigure(line_buffering=True)  # progress shows in pipes and logs as it happens
+        sys.stdout.reconfigure(line_buffering=True)  # logs show progress as it happens
     try:
         main(sys.argv[1:] if argv is None else argv)
     except ToolError as e:
