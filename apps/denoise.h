@@ -60,6 +60,7 @@ typedef struct denoise_session {
     void *weights; /* malloc */
     size_t weights_size;
     json *report;
+    int shows_progress, percent; /* on stderr; what was shown last */
 } denoise_session;
 
 exit_code denoise_begin(denoise_session *session, const denoise_settings *settings, json *report);

@@ -11,21 +11,14 @@
 
 /* ---- Session --------------------------------------------------------------------------------- */
 
-/* Progress on stderr for a person; stops on an interrupt. The percentage is printed when it
- * changes. */
-typedef struct progress {
-    int is_shown, percent;
-} progress;
-
-static progress shown_progress;
-
+/* Progress on stderr for a person, when the percentage changes; stops on an interrupt. */
 static bool on_progress(void *user, double n)
 {
-    progress *p = user;
+    denoise_session *session = user;
     int percent = (int)(n * 100);
-    if (p->is_shown && percent != p->percent)
+    if (session->shows_progress && percent != session->percent)
         fprintf(stderr, "\rDenoising %d%% ", percent);
-    p->percent = percent;
+    session->percent = percent;
     return !platform_interrupted();
 }
 
@@ -52,7 +45,7 @@ exit_code denoise_begin(denoise_session *session, const denoise_settings *settin
     json_text(report, "device", device_type_name(session->device));
     json_text(report, "version", version);
     json_text(report, "filter", settings->filter);
-    shown_progress.is_shown = platform_is_terminal(stderr) && settings->device.verbose < 2 &&
+    session->shows_progress = platform_is_terminal(stderr) && settings->device.verbose < 2 &&
                               !settings->is_json;
     return EXIT_OK;
 }
@@ -214,7 +207,7 @@ static void configure(frame_job *job)
     if (job->session->weights)
         oidnSetSharedFilterData(filter, "weights", job->session->weights,
                                 job->session->weights_size);
-    oidnSetFilterProgressMonitorFunction(filter, on_progress, &shown_progress);
+    oidnSetFilterProgressMonitorFunction(filter, on_progress, job->session);
     oidnCommitFilter(filter);
 }
 
@@ -263,11 +256,11 @@ static exit_code execute(frame_job *job, double *seconds)
     exit_code code;
     if (platform_interrupted())
         return EXIT_INTERRUPTED;
-    shown_progress.percent = -1;
+    job->session->percent = -1;
     oidnExecuteFilter(job->session->filter);
     code = device_error(job, 0);
     *seconds = platform_clock() - start;
-    if (shown_progress.is_shown)
+    if (job->session->shows_progress)
         fprintf(stderr, "\r               \r");
     if (!code)
         device_image_download(job->settings->is_in_place ? &job->views[job->inputs.main]
