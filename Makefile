@@ -314,9 +314,10 @@ check-san: tests
 	    $(PYTHON) tests/run.py --build $(BUILD) --kinds program $(CHECK)
 
 # Every port against scalar, slot by slot, and each one's speed; docs/ports.md keeps the results.
-conform: tests
+conform: $(BUILD)/test/conform$(EXE) $(BUILD)/test/conform_emulated$(EXE)
 	@$(BUILD)/test/conform$(EXE)
-	@$(BUILD)/test/conform$(EXE) --bench
+	@$(BUILD)/test/conform_emulated$(EXE)
+	@$(PYTHON) tests/conform/record.py --build $(BUILD) $(CONFORM)
 
 # ---- Beside the real Open Image Denoise (Python package pyoidn) ----------------------------------
 
