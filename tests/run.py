@@ -131,6 +131,13 @@ def run_counted(job: Job, env: dict[str, str], limit: float) -> Result:
     return result
 
 
+def skip_reason(skip: ElementTree.Element) -> str:
+    """Why pytest skipped; of a module skipped as a whole it tells only in the text."""
+    whole = re.search(r"Skipped: (.*?)['\"]\)", skip.text or "")
+    message = skip.get("message") or ""
+    return whole[1] if message == "collection skipped" and whole else message
+
+
 def run_pytest(job: Job, env: dict[str, str], limit: float, word: str) -> Result:
     """All pytest files of a folder, in one process."""
     with tempfile.TemporaryDirectory() as scratch:
@@ -152,7 +159,7 @@ def run_pytest(job: Job, env: dict[str, str], limit: float, word: str) -> Result
         if case.find("failure") is not None or case.find("error") is not None:
             result.failed += 1
         elif skip is not None:
-            result.skips.append(f"{name}: {skip.get('message')}")
+            result.skips.append(f"{name}: {skip_reason(skip)}")
         else:
             result.passed += 1
     if not cases or (status != 0 and not result.failed):
