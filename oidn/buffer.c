@@ -3,10 +3,10 @@
 
 #include <string.h>
 
-/* ---- Creation ----------------------------------------------------------------------------------- */
+/* ---- Creation -------------------------------------------------------------------------------- */
 
-static OIDNBuffer new_buffer(OIDNDevice device, void *data, size_t bytes, OIDNStorage storage, bool owned,
-                             lull_fault *fault)
+static OIDNBuffer new_buffer(OIDNDevice device, void *data, size_t bytes, OIDNStorage storage,
+                             bool owned, lull_fault *fault)
 {
     OIDNBuffer buffer = lull_os_alloc_zero(sizeof *buffer);
 
@@ -34,14 +34,16 @@ static OIDNBuffer new_buffer(OIDNDevice device, void *data, size_t bytes, OIDNSt
     return buffer;
 }
 
-OIDN_API OIDNBuffer oidnNewBufferWithStorage(OIDNDevice device, size_t byteSize, OIDNStorage storage)
+OIDN_API OIDNBuffer oidnNewBufferWithStorage(OIDNDevice device, size_t byteSize,
+                                             OIDNStorage storage)
 {
     OIDNBuffer buffer = NULL;
     lull_call call;
 
     if (lull_call_begin(&call, device) && lull_device_ready(device, &call.fault)) {
         if ((int)storage < OIDN_STORAGE_UNDEFINED || storage > OIDN_STORAGE_MANAGED)
-            lull_fail(&call.fault, OIDN_ERROR_INVALID_ARGUMENT, "invalid storage: %d", (int)storage);
+            lull_fail(&call.fault, OIDN_ERROR_INVALID_ARGUMENT, "invalid storage: %d",
+                      (int)storage);
         else
             buffer = new_buffer(device, NULL, byteSize,
                                 storage == OIDN_STORAGE_UNDEFINED ? OIDN_STORAGE_MANAGED : storage,
@@ -82,8 +84,8 @@ static OIDNBuffer refuse(OIDNDevice device, OIDNError code, const char *why)
     return NULL;
 }
 
-OIDN_API OIDNBuffer oidnNewSharedBufferFromFD(OIDNDevice device, OIDNExternalMemoryTypeFlags fdType, int fd,
-                                              size_t byteSize)
+OIDN_API OIDNBuffer oidnNewSharedBufferFromFD(OIDNDevice device, OIDNExternalMemoryTypeFlags fdType,
+                                              int fd, size_t byteSize)
 {
     (void)fdType;
     (void)fd;
@@ -94,7 +96,8 @@ OIDN_API OIDNBuffer oidnNewSharedBufferFromFD(OIDNDevice device, OIDNExternalMem
 
 OIDN_API OIDNBuffer oidnNewSharedBufferFromWin32Handle(OIDNDevice device,
                                                        OIDNExternalMemoryTypeFlags handleType,
-                                                       void *handle, const void *name, size_t byteSize)
+                                                       void *handle, const void *name,
+                                                       size_t byteSize)
 {
     (void)handleType;
     (void)handle;
@@ -110,7 +113,7 @@ OIDN_API OIDNBuffer oidnNewSharedBufferFromMetal(OIDNDevice device, MTLBuffer_id
     return refuse(device, OIDN_ERROR_INVALID_OPERATION, "the device supports no Metal buffers");
 }
 
-/* ---- Lifetime ----------------------------------------------------------------------------------- */
+/* ---- Lifetime -------------------------------------------------------------------------------- */
 
 void lull_buffer_hold(OIDNBuffer buffer)
 {
@@ -141,7 +144,8 @@ OIDN_API void oidnRetainBuffer(OIDNBuffer buffer)
     }
 }
 
-/* The caller may free the memory behind a shared buffer after this, so work that uses it must be over. */
+/* The caller may free the memory behind a shared buffer after this, so work that uses it must be
+ * over. */
 OIDN_API void oidnReleaseBuffer(OIDNBuffer buffer)
 {
     lull_fault ignored = {OIDN_ERROR_NONE, ""};
@@ -154,7 +158,7 @@ OIDN_API void oidnReleaseBuffer(OIDNBuffer buffer)
         lull_buffer_drop(buffer);
 }
 
-/* ---- Queries ------------------------------------------------------------------------------------ */
+/* ---- Queries --------------------------------------------------------------------------------- */
 
 OIDN_API size_t oidnGetBufferSize(OIDNBuffer buffer)
 {
@@ -189,7 +193,7 @@ OIDN_API void *oidnGetBufferData(OIDNBuffer buffer)
     return data;
 }
 
-/* ---- Copies ------------------------------------------------------------------------------------- */
+/* ---- Copies ---------------------------------------------------------------------------------- */
 
 static void run_copy(const lull_job *job, lull_fault *fault)
 {
@@ -197,9 +201,10 @@ static void run_copy(const lull_job *job, lull_fault *fault)
     memcpy(job->target, job->source, job->bytes);
 }
 
-/* Copies [offset, offset+bytes) of a buffer to `to`, or `from` to it; exactly one of them is meant. */
-static bool copy(OIDNBuffer buffer, size_t offset, size_t bytes, void *to, const void *from, bool is_read,
-                 bool async, lull_fault *fault)
+/* Copies [offset, offset+bytes) of a buffer to `to`, or `from` to it; exactly one of them
+ * is meant. */
+static bool copy(OIDNBuffer buffer, size_t offset, size_t bytes, void *to, const void *from,
+                 bool is_read, bool async, lull_fault *fault)
 {
     OIDNDevice device = buffer->device;
     lull_job job = {0};
@@ -228,7 +233,8 @@ static bool copy(OIDNBuffer buffer, size_t offset, size_t bytes, void *to, const
     return async || lull_queue_sync(device, fault); /* a sync tells of failed earlier work, too */
 }
 
-OIDN_API void oidnReadBuffer(OIDNBuffer buffer, size_t byteOffset, size_t byteSize, void *dstHostPtr)
+OIDN_API void oidnReadBuffer(OIDNBuffer buffer, size_t byteOffset, size_t byteSize,
+                             void *dstHostPtr)
 {
     lull_call call;
 
@@ -237,7 +243,8 @@ OIDN_API void oidnReadBuffer(OIDNBuffer buffer, size_t byteOffset, size_t byteSi
     lull_call_end(&call);
 }
 
-OIDN_API void oidnReadBufferAsync(OIDNBuffer buffer, size_t byteOffset, size_t byteSize, void *dstHostPtr)
+OIDN_API void oidnReadBufferAsync(OIDNBuffer buffer, size_t byteOffset, size_t byteSize,
+                                  void *dstHostPtr)
 {
     lull_call call;
 
@@ -246,7 +253,8 @@ OIDN_API void oidnReadBufferAsync(OIDNBuffer buffer, size_t byteOffset, size_t b
     lull_call_end(&call);
 }
 
-OIDN_API void oidnWriteBuffer(OIDNBuffer buffer, size_t byteOffset, size_t byteSize, const void *srcHostPtr)
+OIDN_API void oidnWriteBuffer(OIDNBuffer buffer, size_t byteOffset, size_t byteSize,
+                              const void *srcHostPtr)
 {
     lull_call call;
 

@@ -7,15 +7,20 @@
 #define FAILED_MODEL ((size_t)64 << 10)
 
 /* The files, as arrays made by the build. */
-#define BUILTIN(id, file, content, features, clean_aux, qualities) \
-    extern const unsigned char lull_weights_##id[];                \
+#define BUILTIN(id, file, content, features, clean_aux, qualities)                                 \
+    extern const unsigned char lull_weights_##id[];                                                \
     extern const size_t lull_weights_##id##_bytes;
 #include "builtin.def"
 #undef BUILTIN
 
 enum { FAST = 1, BALANCED = 2, HIGH = 4 };
 enum { NOISY_AUX = 1, CLEAN_AUX = 2 };
-enum { COLOR = LULL_HAS_COLOR, ALBEDO = LULL_HAS_ALBEDO, NORMAL = LULL_HAS_NORMAL, ANY_FEATURES = 8 };
+enum {
+    COLOR = LULL_HAS_COLOR,
+    ALBEDO = LULL_HAS_ALBEDO,
+    NORMAL = LULL_HAS_NORMAL,
+    ANY_FEATURES = 8
+};
 enum {
     HDR = 1 << LULL_HDR,
     LDR = 1 << LULL_LDR | 1 << LULL_SRGB,
@@ -30,7 +35,7 @@ typedef struct builtin {
 } builtin;
 
 static const builtin builtins[] = {
-#define BUILTIN(id, file, contents, features, clean_aux, qualities) \
+#define BUILTIN(id, file, contents, features, clean_aux, qualities)                                \
     {lull_weights_##id, &lull_weights_##id##_bytes, contents, features, clean_aux, qualities},
 #include "builtin.def"
 #undef BUILTIN
@@ -66,7 +71,9 @@ static unsigned usable_features(const builtin *b, unsigned features)
         return features;
     if (b->features == COLOR && !(features & COLOR))
         return features; /* the only image there is, in place of the colour */
-    return (b->features & ~features) || ((features & COLOR) && !(b->features & COLOR)) ? 0 : b->features;
+    return (b->features & ~features) || ((features & COLOR) && !(b->features & COLOR))
+               ? 0
+               : b->features;
 }
 
 /* How well a model suits, by what matters most: images used, then content, then the state of the
@@ -97,7 +104,9 @@ static unsigned rate(const builtin *b, const lull_frame *frame, bool clean_aux, 
 bool lull_builtin_select(OIDNDevice device, lull_frame *frame, bool clean_aux, OIDNQuality quality,
                          const lull_model **model, size_t *bytes, lull_fault *fault)
 {
-    const unsigned bit = quality == OIDN_QUALITY_FAST ? FAST : quality == OIDN_QUALITY_BALANCED ? BALANCED : HIGH;
+    const unsigned bit = quality == OIDN_QUALITY_FAST       ? FAST
+                         : quality == OIDN_QUALITY_BALANCED ? BALANCED
+                                                            : HIGH;
     unsigned best = 0, best_score = 0, i;
     lull_weights *weights;
 
@@ -113,8 +122,8 @@ bool lull_builtin_select(OIDNDevice device, lull_frame *frame, bool clean_aux, O
         return lull_fail(fault, OIDN_ERROR_INVALID_OPERATION,
                          "unsupported combination of inputs: no built-in weights for it");
     weights = &device->builtin[best];
-    if (!weights->model &&
-        !lull_weights_load(weights, builtins[best].data, *builtins[best].bytes, device->ports, fault))
+    if (!weights->model && !lull_weights_load(weights, builtins[best].data, *builtins[best].bytes,
+                                              device->ports, fault))
         return false;
     frame->features = usable_features(&builtins[best], frame->features);
     if (!(builtins[best].contents >> frame->content & 1))
@@ -124,7 +133,7 @@ bool lull_builtin_select(OIDNDevice device, lull_frame *frame, bool clean_aux, O
     return true;
 }
 
-/* ---- Unpacking ---------------------------------------------------------------------------------- */
+/* ---- Unpacking ------------------------------------------------------------------------------- */
 
 bool lull_weights_load(lull_weights *weights, const void *data, size_t bytes, uint32_t ports,
                        lull_fault *fault)

@@ -9,7 +9,7 @@
 
 static const char *const image_names[LULL_IMAGES] = {"color", "albedo", "normal", "output"};
 
-/* ---- Checks ------------------------------------------------------------------------------------- */
+/* ---- Checks ---------------------------------------------------------------------------------- */
 
 static bool is_supported(OIDNFormat format)
 {
@@ -21,7 +21,8 @@ static bool is_supported(OIDNFormat format)
 /* Formats and sizes of the images; *features says which inputs there are. */
 static bool check_images(OIDNFilter filter, unsigned *features, lull_fault *fault)
 {
-    const lull_image_param *images = filter->images, *output = &images[LULL_OUTPUT], *main_image = NULL;
+    const lull_image_param *images = filter->images, *output = &images[LULL_OUTPUT],
+                           *main_image = NULL;
     unsigned i;
 
     *features = 0;
@@ -36,15 +37,18 @@ static bool check_images(OIDNFilter filter, unsigned *features, lull_fault *faul
         return lull_fail(fault, OIDN_ERROR_INVALID_OPERATION, "no output image is set");
     for (i = 0; i < LULL_IMAGES; i++)
         if (images[i].set && !is_supported(images[i].format))
-            return lull_fail(fault, OIDN_ERROR_INVALID_OPERATION, "unsupported format of the %s image",
-                             image_names[i]);
+            return lull_fail(fault, OIDN_ERROR_INVALID_OPERATION,
+                             "unsupported format of the %s image", image_names[i]);
     if (lull_format_channels(main_image->format) != lull_format_channels(output->format))
         return lull_fail(fault, OIDN_ERROR_INVALID_OPERATION,
                          "input and output image differ in their number of channels");
     for (i = 0; i < LULL_OUTPUT; i++)
-        if (images[i].set && (images[i].width != output->width || images[i].height != output->height))
-            return lull_fail(fault, OIDN_ERROR_INVALID_OPERATION, "size of the %s image differs from "
-                             "that of the output image", image_names[i]);
+        if (images[i].set &&
+            (images[i].width != output->width || images[i].height != output->height))
+            return lull_fail(fault, OIDN_ERROR_INVALID_OPERATION,
+                             "size of the %s image differs from "
+                             "that of the output image",
+                             image_names[i]);
     return true;
 }
 
@@ -68,7 +72,8 @@ static bool check_combination(OIDNFilter filter, unsigned features, lull_fault *
     else if (features == (LULL_HAS_COLOR | LULL_HAS_NORMAL) && !filter->weights_bytes)
         why = "a normal image needs an albedo image beside it";
     if (why)
-        return lull_fail(fault, OIDN_ERROR_INVALID_OPERATION, "unsupported combination of inputs: %s", why);
+        return lull_fail(fault, OIDN_ERROR_INVALID_OPERATION,
+                         "unsupported combination of inputs: %s", why);
     return true;
 }
 
@@ -83,17 +88,18 @@ static lull_content content_of(OIDNFilter filter)
     return values[lull_value_srgb].i ? LULL_SRGB : LULL_LDR;
 }
 
-/* ---- Overlap of output and inputs --------------------------------------------------------------- */
+/* ---- Overlap of output and inputs ------------------------------------------------------------ */
 
-/* Pixel i of both images lies at the same address, so a run that reads a pixel before it writes it needs
- * no copy. */
+/* Pixel i of both images lies at the same address, so a run that reads a pixel before it writes it
+ * needs no copy. */
 static bool same_place(const lull_image_param *a, const lull_image_param *b)
 {
-    return a->data == b->data && a->pixel_stride == b->pixel_stride && a->row_stride == b->row_stride;
+    return a->data == b->data && a->pixel_stride == b->pixel_stride &&
+           a->row_stride == b->row_stride;
 }
 
-/* Overlap is decided by addresses, so raw pointers, shared buffers and buffers within each other's memory
- * are all seen. *staged: some input overlaps without lying in the same place. */
+/* Overlap is decided by addresses, so raw pointers, shared buffers and buffers within each other's
+ * memory are all seen. *staged: some input overlaps without lying in the same place. */
 static bool find_overlap(OIDNFilter filter, unsigned features, bool *staged)
 {
     const lull_image_param *output = &filter->images[LULL_OUTPUT];
@@ -113,7 +119,7 @@ static bool find_overlap(OIDNFilter filter, unsigned features, bool *staged)
     return overlap;
 }
 
-/* ---- Plan --------------------------------------------------------------------------------------- */
+/* ---- Plan ------------------------------------------------------------------------------------ */
 
 void lull_filter_free_plan(OIDNFilter filter)
 {
@@ -130,13 +136,13 @@ static bool same_frame(const lull_frame *a, const lull_frame *b)
 {
     return a->width == b->width && a->height == b->height && a->content == b->content &&
            a->features == b->features && a->threads == b->threads && a->in_place == b->in_place &&
-           a->max_bytes == b->max_bytes && a->row_step == b->row_step && a->strip_width == b->strip_width &&
-           a->trained_for == b->trained_for;
+           a->max_bytes == b->max_bytes && a->row_step == b->row_step &&
+           a->strip_width == b->strip_width && a->trained_for == b->trained_for;
 }
 
 /* Turns maxMemoryMB into limits of the plan. The megabytes count weights, plan and staged output. 0
- * cannot be met; it asks for the least memory at no more than about twice the work, which is strips as
- * wide as their overlaps. */
+ * cannot be met; it asks for the least memory at no more than about twice the work, which is strips
+ * as wide as their overlaps. */
 static bool set_limits(OIDNFilter filter, const lull_model *model, size_t fixed, lull_frame *frame,
                        lull_fault *fault)
 {
@@ -178,7 +184,8 @@ static bool make_plan(OIDNFilter filter, const lull_frame *frame, const lull_mod
     if (stage_bytes) {
         filter->stage = lull_os_alloc(stage_bytes);
         if (!filter->stage)
-            return lull_fail(fault, OIDN_ERROR_OUT_OF_MEMORY, "out of memory: output copy of %llu bytes",
+            return lull_fail(fault, OIDN_ERROR_OUT_OF_MEMORY,
+                             "out of memory: output copy of %llu bytes",
                              (unsigned long long)stage_bytes);
     }
     status = lull_plan_init(&filter->plan, filter->plan_memory, bytes, frame, model);
@@ -192,7 +199,7 @@ static bool make_plan(OIDNFilter filter, const lull_frame *frame, const lull_mod
     return true;
 }
 
-/* ---- Commit ------------------------------------------------------------------------------------- */
+/* ---- Commit ---------------------------------------------------------------------------------- */
 
 /* What `execute` will hand to the core. Images that the plan does not use stay empty. */
 static void publish_images(OIDNFilter filter)
@@ -241,7 +248,9 @@ static void print_summary(OIDNFilter filter, size_t model_bytes)
     printf("\n  Network: %s, %u inputs, %llu parameters, %s\n", model.network, model.inputs,
            (unsigned long long)model.parameters, model.is_integer ? "int8" : "fp32");
     printf("  Image  : %ux%u%s\n", filter->frame.width, filter->frame.height,
-           filter->stage ? ", in place with a copy" : filter->frame.in_place ? ", in place" : "");
+           filter->stage            ? ", in place with a copy"
+           : filter->frame.in_place ? ", in place"
+                                    : "");
     printf("  Strips : %u of %u columns, steps of %u rows\n", plan.strips, plan.strip_width,
            plan.row_step);
     printf("  Memory : %llu bytes (weights %llu, plan %llu, copy %llu)\n",
@@ -251,9 +260,10 @@ static void print_summary(OIDNFilter filter, size_t model_bytes)
     fflush(stdout);
 }
 
-/* Weights to use: the caller's if there are any, else built-in ones. *bytes: their size unpacked. */
-static bool choose_model(OIDNFilter filter, lull_frame *frame, const lull_model **model, size_t *bytes,
-                         lull_fault *fault)
+/* Weights to use: the caller's if there are any, else built-in ones. *bytes: their
+ * size unpacked. */
+static bool choose_model(OIDNFilter filter, lull_frame *frame, const lull_model **model,
+                         size_t *bytes, lull_fault *fault)
 {
     const lull_value *values = filter->values;
 
@@ -294,8 +304,8 @@ static bool prepare(OIDNFilter filter, bool may_change, bool *busy, lull_fault *
         *busy = true;
         return true;
     }
-    frame = lull_frame_default((unsigned)output->width, (unsigned)output->height, content_of(filter),
-                               features);
+    frame = lull_frame_default((unsigned)output->width, (unsigned)output->height,
+                               content_of(filter), features);
     frame.threads = lull_pool_size(filter->device->pool);
     if (!choose_model(filter, &frame, &model, &model_bytes, fault))
         return false;

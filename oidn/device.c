@@ -9,7 +9,7 @@
 #define STRINGIFY_(x) #x
 #define STRINGIFY(x) STRINGIFY_(x)
 
-/* ---- Environment -------------------------------------------------------------------------------- */
+/* ---- Environment ----------------------------------------------------------------------------- */
 
 /* Parameters that an environment variable overrides. */
 static const struct {
@@ -47,7 +47,7 @@ static const char *overriding_variable(const char *name)
     return NULL;
 }
 
-/* ---- Creation ----------------------------------------------------------------------------------- */
+/* ---- Creation -------------------------------------------------------------------------------- */
 
 static OIDNDevice new_cpu_device(void)
 {
@@ -69,7 +69,8 @@ OIDN_API OIDNDevice oidnNewDeviceByID(int physicalDeviceID)
 {
     if (physicalDeviceID >= 0 && physicalDeviceID < oidnGetNumPhysicalDevices())
         return new_cpu_device();
-    lull_global_error(OIDN_ERROR_INVALID_ARGUMENT, "invalid physical device ID: %d", physicalDeviceID);
+    lull_global_error(OIDN_ERROR_INVALID_ARGUMENT, "invalid physical device ID: %d",
+                      physicalDeviceID);
     return NULL;
 }
 
@@ -80,7 +81,8 @@ OIDN_API OIDNDevice oidnNewDevice(OIDNDeviceType type)
     if ((int)type < 0 || (size_t)type >= sizeof names / sizeof *names)
         lull_global_error(OIDN_ERROR_UNKNOWN, "unknown device type: %d", (int)type);
     else if (type > OIDN_DEVICE_TYPE_CPU || oidnGetNumPhysicalDevices() == 0)
-        lull_global_error(OIDN_ERROR_UNSUPPORTED_HARDWARE, "unsupported device type: %s", names[type]);
+        lull_global_error(OIDN_ERROR_UNSUPPORTED_HARDWARE, "unsupported device type: %s",
+                          names[type]);
     else
         return new_cpu_device();
     return NULL;
@@ -129,7 +131,7 @@ OIDN_API void oidnReleaseDevice(OIDNDevice device)
         lull_global_error(OIDN_ERROR_INVALID_ARGUMENT, "handle is null");
 }
 
-/* ---- Parameters --------------------------------------------------------------------------------- */
+/* ---- Parameters ------------------------------------------------------------------------------ */
 
 static void set_parameter(OIDNDevice device, const char *name, int value, lull_fault *fault)
 {
@@ -142,8 +144,8 @@ static void set_parameter(OIDNDevice device, const char *name, int value, lull_f
     }
     variable = overriding_variable(name);
     if (variable) {
-        lull_warn(verbose, "device parameter '%s' is overridden by the environment variable %s", name,
-                  variable);
+        lull_warn(verbose, "device parameter '%s' is overridden by the environment variable %s",
+                  name, variable);
     } else {
         lull_param_set_int(device->values, LULL_DEVICE, name, value, verbose, fault);
         if (!strcmp(name, "setAffinity"))
@@ -186,7 +188,7 @@ OIDN_API bool oidnGetDeviceBool(OIDNDevice device, const char *name)
     return oidnGetDeviceInt(device, name) != 0;
 }
 
-/* ---- Commit ------------------------------------------------------------------------------------- */
+/* ---- Commit ---------------------------------------------------------------------------------- */
 
 /* Ports that LULL_PORTS allows: it names the strongest. */
 static uint32_t allowed_ports(int verbose)
@@ -234,8 +236,8 @@ static void print_banner(OIDNDevice device)
     fflush(stdout);
 }
 
-/* Threads are pinned only if that was asked for: two devices pinned to the same cores would share them
- * while others idle. */
+/* Threads are pinned only if that was asked for: two devices pinned to the same cores would share
+ * them while others idle. */
 static bool commit(OIDNDevice device, lull_fault *fault)
 {
     lull_value *values = device->values;

@@ -8,7 +8,7 @@
 /* Slots of one device; beyond that the thread that reported nothing for longest loses its own. */
 #define MAX_SLOTS 256u
 
-/* ---- Faults ------------------------------------------------------------------------------------- */
+/* ---- Faults ---------------------------------------------------------------------------------- */
 
 bool lull_fail(lull_fault *fault, OIDNError code, const char *format, ...)
 {
@@ -39,11 +39,12 @@ bool lull_fail_status(lull_fault *fault, lull_status status, const char *what)
 
     if (status == LULL_OK)
         return true;
-    return lull_fail(fault, status < LULL_STATUS_COUNT ? (OIDNError)codes[status] : OIDN_ERROR_UNKNOWN,
+    return lull_fail(fault,
+                     status < LULL_STATUS_COUNT ? (OIDNError)codes[status] : OIDN_ERROR_UNKNOWN,
                      "%s: %s", what, lull_status_text(status));
 }
 
-/* ---- Slots -------------------------------------------------------------------------------------- */
+/* ---- Slots ----------------------------------------------------------------------------------- */
 
 #if !LULL_WITH_THREADS
 static lull_fault global_fault;
@@ -66,8 +67,8 @@ void lull_errors_free(lull_errors *errors)
     lull_mutex_destroy(&errors->mutex);
 }
 
-/* This thread's slot, moved to the front of the list; made or taken from another thread if `create`;
- * NULL if there is none. */
+/* This thread's slot, moved to the front of the list; made or taken from another thread if
+ * `create`; NULL if there is none. */
 static lull_error_slot *find_slot(lull_errors *errors, bool create)
 {
     const size_t thread = lull_thread_number();
@@ -176,7 +177,7 @@ OIDN_API void oidnSetDeviceErrorFunction(OIDNDevice device, OIDNErrorFunction fu
     lull_call_end(&call);
 }
 
-/* ---- Calls -------------------------------------------------------------------------------------- */
+/* ---- Calls ----------------------------------------------------------------------------------- */
 
 bool lull_call_begin(lull_call *call, OIDNDevice device)
 {

@@ -11,7 +11,8 @@ typedef struct run_state {
 } run_state;
 
 static void parallel_for(void *user, unsigned count,
-                         void (*body)(void *context, unsigned index, unsigned worker), void *context)
+                         void (*body)(void *context, unsigned index, unsigned worker),
+                         void *context)
 {
     lull_pool_for(((run_state *)user)->pool, count, body, context);
 }

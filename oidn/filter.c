@@ -10,7 +10,7 @@ static bool check_name(const char *name, lull_fault *fault)
     return name || lull_fail(fault, OIDN_ERROR_INVALID_ARGUMENT, "string is null");
 }
 
-/* ---- Creation and lifetime ---------------------------------------------------------------------- */
+/* ---- Creation and lifetime ------------------------------------------------------------------- */
 
 static OIDNFilter new_filter(OIDNDevice device, const char *type, lull_fault *fault)
 {
@@ -77,8 +77,8 @@ OIDN_API void oidnRetainFilter(OIDNFilter filter)
     }
 }
 
-/* The last handle waits for the filter's work: the caller may then free the images. A progress function
- * cannot wait; its filter lives until the work is over. */
+/* The last handle waits for the filter's work: the caller may then free the images. A progress
+ * function cannot wait; its filter lives until the work is over. */
 OIDN_API void oidnReleaseFilter(OIDNFilter filter)
 {
     lull_fault ignored = {OIDN_ERROR_NONE, ""};
@@ -91,7 +91,7 @@ OIDN_API void oidnReleaseFilter(OIDNFilter filter)
         lull_filter_drop(filter);
 }
 
-/* ---- Images ------------------------------------------------------------------------------------- */
+/* ---- Images ---------------------------------------------------------------------------------- */
 
 /* Stores an image, or unsets it if image->set is false. Takes over nothing. */
 static void set_image(OIDNFilter filter, const char *name, const lull_image_param *image)
@@ -114,9 +114,9 @@ static void set_image(OIDNFilter filter, const char *name, const lull_image_para
         *to = *image;
 }
 
-OIDN_API void oidnSetFilterImage(OIDNFilter filter, const char *name, OIDNBuffer buffer, OIDNFormat format,
-                                 size_t width, size_t height, size_t byteOffset, size_t pixelByteStride,
-                                 size_t rowByteStride)
+OIDN_API void oidnSetFilterImage(OIDNFilter filter, const char *name, OIDNBuffer buffer,
+                                 OIDNFormat format, size_t width, size_t height, size_t byteOffset,
+                                 size_t pixelByteStride, size_t rowByteStride)
 {
     lull_image_param image;
     lull_call call;
@@ -125,7 +125,8 @@ OIDN_API void oidnSetFilterImage(OIDNFilter filter, const char *name, OIDNBuffer
         if (!buffer)
             lull_fail(&call.fault, OIDN_ERROR_INVALID_ARGUMENT, "handle is null");
         else if (buffer->device != filter->device)
-            lull_fail(&call.fault, OIDN_ERROR_INVALID_ARGUMENT, "buffer and filter are of different devices");
+            lull_fail(&call.fault, OIDN_ERROR_INVALID_ARGUMENT,
+                      "buffer and filter are of different devices");
         else if (lull_image_param_make(&image, buffer, NULL, format, width, height, byteOffset,
                                        pixelByteStride, rowByteStride, &call.fault))
             set_image(filter, name, &image);
@@ -133,16 +134,17 @@ OIDN_API void oidnSetFilterImage(OIDNFilter filter, const char *name, OIDNBuffer
     lull_call_end(&call);
 }
 
-OIDN_API void oidnSetSharedFilterImage(OIDNFilter filter, const char *name, void *devPtr, OIDNFormat format,
-                                       size_t width, size_t height, size_t byteOffset,
-                                       size_t pixelByteStride, size_t rowByteStride)
+OIDN_API void oidnSetSharedFilterImage(OIDNFilter filter, const char *name, void *devPtr,
+                                       OIDNFormat format, size_t width, size_t height,
+                                       size_t byteOffset, size_t pixelByteStride,
+                                       size_t rowByteStride)
 {
     lull_image_param image;
     lull_call call;
 
     if (lull_call_begin(&call, device_of(filter)) && check_name(name, &call.fault) &&
-        lull_image_param_make(&image, NULL, devPtr, format, width, height, byteOffset, pixelByteStride,
-                              rowByteStride, &call.fault))
+        lull_image_param_make(&image, NULL, devPtr, format, width, height, byteOffset,
+                              pixelByteStride, rowByteStride, &call.fault))
         set_image(filter, name, &image);
     lull_call_end(&call);
 }
@@ -157,7 +159,7 @@ OIDN_API void oidnUnsetFilterImage(OIDNFilter filter, const char *name)
     lull_call_end(&call);
 }
 
-/* ---- Data --------------------------------------------------------------------------------------- */
+/* ---- Data ------------------------------------------------------------------------------------ */
 
 /* Marks the weights as changed; returns whether `name` means them. */
 static bool touch_data(OIDNFilter filter, const char *name)
@@ -174,7 +176,8 @@ static bool touch_data(OIDNFilter filter, const char *name)
     return known;
 }
 
-OIDN_API void oidnSetSharedFilterData(OIDNFilter filter, const char *name, void *hostPtr, size_t byteSize)
+OIDN_API void oidnSetSharedFilterData(OIDNFilter filter, const char *name, void *hostPtr,
+                                      size_t byteSize)
 {
     lull_call call;
 
@@ -210,7 +213,7 @@ OIDN_API void oidnUnsetFilterData(OIDNFilter filter, const char *name)
     lull_call_end(&call);
 }
 
-/* ---- Values ------------------------------------------------------------------------------------- */
+/* ---- Values ---------------------------------------------------------------------------------- */
 
 OIDN_API void oidnSetFilterInt(OIDNFilter filter, const char *name, int value)
 {
@@ -268,8 +271,8 @@ OIDN_API float oidnGetFilterFloat(OIDNFilter filter, const char *name)
     return value.f;
 }
 
-OIDN_API void oidnSetFilterProgressMonitorFunction(OIDNFilter filter, OIDNProgressMonitorFunction func,
-                                                   void *userPtr)
+OIDN_API void oidnSetFilterProgressMonitorFunction(OIDNFilter filter,
+                                                   OIDNProgressMonitorFunction func, void *userPtr)
 {
     lull_call call;
 
@@ -280,7 +283,7 @@ OIDN_API void oidnSetFilterProgressMonitorFunction(OIDNFilter filter, OIDNProgre
     lull_call_end(&call);
 }
 
-/* ---- Commit and execution ----------------------------------------------------------------------- */
+/* ---- Commit and execution -------------------------------------------------------------------- */
 
 OIDN_API void oidnCommitFilter(OIDNFilter filter)
 {
@@ -296,7 +299,8 @@ static void execute(OIDNFilter filter, bool async)
     lull_call call;
     lull_job job;
 
-    if (lull_call_begin(&call, device_of(filter)) && lull_queue_reserve(filter->device, &call.fault)) {
+    if (lull_call_begin(&call, device_of(filter)) &&
+        lull_queue_reserve(filter->device, &call.fault)) {
         if (!async && lull_queue_is_self(&filter->device->queue))
             lull_fail(&call.fault, OIDN_ERROR_INVALID_OPERATION,
                       "a progress function cannot execute filters");

@@ -54,7 +54,8 @@ static bool lay_out(lull_image_param *image, size_t pixel_bytes, lull_fault *fau
     size_t row;
 
     if (image->pixel_stride && image->pixel_stride < pixel_bytes)
-        return lull_fail(fault, OIDN_ERROR_INVALID_ARGUMENT, "pixel stride is smaller than a pixel");
+        return lull_fail(fault, OIDN_ERROR_INVALID_ARGUMENT,
+                         "pixel stride is smaller than a pixel");
     if (!image->pixel_stride)
         image->pixel_stride = pixel_bytes;
     if (!add_product(&row, 0, image->width, image->pixel_stride) ||
@@ -71,15 +72,16 @@ static bool lay_out(lull_image_param *image, size_t pixel_bytes, lull_fault *fau
     return true;
 }
 
-bool lull_image_param_make(lull_image_param *image, OIDNBuffer buffer, void *pointer, OIDNFormat format,
-                           size_t width, size_t height, size_t offset, size_t pixel_stride,
-                           size_t row_stride, lull_fault *fault)
+bool lull_image_param_make(lull_image_param *image, OIDNBuffer buffer, void *pointer,
+                           OIDNFormat format, size_t width, size_t height, size_t offset,
+                           size_t pixel_stride, size_t row_stride, lull_fault *fault)
 {
     unsigned channels;
     size_t pixel_bytes, end;
 
     if (!describe(format, &channels, &pixel_bytes))
-        return lull_fail(fault, OIDN_ERROR_INVALID_ARGUMENT, "unknown image format: %d", (int)format);
+        return lull_fail(fault, OIDN_ERROR_INVALID_ARGUMENT, "unknown image format: %d",
+                         (int)format);
     if (width > LULL_MAX_SIZE || height > LULL_MAX_SIZE ||
         (uint64_t)width * height * (channels ? channels : 1) > INT32_MAX)
         return lull_fail(fault, OIDN_ERROR_INVALID_ARGUMENT, "image is too large");
@@ -94,10 +96,11 @@ bool lull_image_param_make(lull_image_param *image, OIDNBuffer buffer, void *poi
     if (!add_product(&end, offset, 1, image->span))
         return lull_fail(fault, OIDN_ERROR_INVALID_ARGUMENT, "image region is out of range");
     if (buffer && end > buffer->bytes)
-        return lull_fail(fault, OIDN_ERROR_INVALID_ARGUMENT,
-                         "buffer region is out of range: image of %llu bytes at offset %llu of %llu",
-                         (unsigned long long)image->span, (unsigned long long)offset,
-                         (unsigned long long)buffer->bytes);
+        return lull_fail(
+            fault, OIDN_ERROR_INVALID_ARGUMENT,
+            "buffer region is out of range: image of %llu bytes at offset %llu of %llu",
+            (unsigned long long)image->span, (unsigned long long)offset,
+            (unsigned long long)buffer->bytes);
     image->data = buffer ? buffer->data : pointer;
     if (!buffer && !image->data && end)
         return lull_fail(fault, OIDN_ERROR_INVALID_ARGUMENT, "image pointer is null");

@@ -1,9 +1,9 @@
 /* Inside of the facade: objects, errors, the call frame that every API function shares.
  *
  * Locking: one mutex per device, taken by lull_call_begin and released by lull_call_end; everything
- * reached from a device, filter or buffer is guarded by it unless said otherwise. It is not held while a
- * blocking call waits for the queue, so progress functions may use the API.
- * Lifetime: objects are counted; filters, buffers and semaphores hold their device, image parameters and
+ * reached from a device, filter or buffer is guarded by it unless said otherwise. It is not held
+ * while a blocking call waits for the queue, so progress functions may use the API. Lifetime:
+ * objects are counted; filters, buffers and semaphores hold their device, image parameters and
  * queued work hold their buffers, queued work holds its filter. */
 #ifndef LULL_OIDN_INTERNAL_H
 #define LULL_OIDN_INTERNAL_H
@@ -26,7 +26,7 @@ OIDN_API OIDNDevice oidnNewSYCLDevice(const void *queues, int numQueues);
 OIDN_API void oidnExecuteSYCLFilterAsync(OIDNFilter filter, const void *depEvents, int numDepEvents,
                                          void *doneEvent);
 
-/* ---- Errors (error.c) --------------------------------------------------------------------------- */
+/* ---- Errors (error.c) ------------------------------------------------------------------------ */
 
 #define LULL_FAULT_TEXT 256
 
@@ -49,8 +49,8 @@ typedef struct lull_error_slot {
     struct lull_error_slot *next;
 } lull_error_slot;
 
-/* Errors of a device by thread, most recent thread first. Has its own mutex, so that reading an error
- * never waits for a running call. */
+/* Errors of a device by thread, most recent thread first. Has its own mutex, so that reading an
+ * error never waits for a running call. */
 typedef struct lull_errors {
     lull_mutex mutex;
     lull_error_slot *slots;
@@ -72,7 +72,7 @@ OIDNError lull_errors_take(lull_errors *errors, const char **text);
 /* Error of a core status. `what` says what was attempted. */
 bool lull_fail_status(lull_fault *fault, lull_status status, const char *what);
 
-/* ---- Parameters (params.c) ---------------------------------------------------------------------- */
+/* ---- Parameters (params.c) ------------------------------------------------------------------- */
 
 enum lull_owner { LULL_DEVICE = 1, LULL_RT = 2, LULL_LIGHTMAP = 4, LULL_FILTERS = 6 };
 enum lull_kind { LULL_BOOL, LULL_INT, LULL_FLOAT, LULL_IMAGE, LULL_DATA };
@@ -104,14 +104,15 @@ const lull_param *lull_param_find(enum lull_owner owner, const char *name);
 /* Sets all values to their initial ones. */
 void lull_params_reset(lull_value values[LULL_SLOTS]);
 
-/* Set and get parameters by name: of BOOL or INT kind, or of FLOAT kind. Setting an unknown, read-only or
- * mistyped one only gives a warning; getting it, or setting an impossible value, is INVALID_ARGUMENT. */
+/* Set and get parameters by name: of BOOL or INT kind, or of FLOAT kind. Setting an unknown,
+ * read-only or mistyped one only gives a warning; getting it, or setting an impossible value, is
+ * INVALID_ARGUMENT. */
 bool lull_param_set_int(lull_value values[], enum lull_owner owner, const char *name, int value,
                         int verbose, lull_fault *fault);
 void lull_param_set_float(lull_value values[], enum lull_owner owner, const char *name, float value,
                           int verbose);
-bool lull_param_get(const lull_value values[], enum lull_owner owner, const char *name, bool is_float,
-                    lull_value *value, lull_fault *fault);
+bool lull_param_get(const lull_value values[], enum lull_owner owner, const char *name,
+                    bool is_float, lull_value *value, lull_fault *fault);
 
 /* Integer value of an environment variable, or `otherwise`. */
 int lull_env_int(const char *name, int otherwise);
@@ -123,7 +124,7 @@ __attribute__((format(printf, 2, 3)))
 #endif
 void lull_warn(int verbose, const char *format, ...);
 
-/* ---- Queue of asynchronous work (queue.c) ------------------------------------------------------- */
+/* ---- Queue of asynchronous work (queue.c) ---------------------------------------------------- */
 
 typedef struct lull_job {
     void (*run)(const struct lull_job *job, lull_fault *fault);
@@ -132,7 +133,7 @@ typedef struct lull_job {
     lull_images images;    /* what to denoise */
     OIDNProgressMonitorFunction progress;
     void *progress_user;
-    void *target;          /* a copy of `bytes` */
+    void *target; /* a copy of `bytes` */
     const void *source;
     size_t bytes;
 } lull_job;
@@ -140,26 +141,28 @@ typedef struct lull_job {
 /* Jobs that may wait at once; submitting more blocks until one is done. */
 #define LULL_QUEUE_SIZE 64
 
-/* A thread that runs jobs in the order of submission. Jobs are numbered from 1 on. Has its own mutex;
- * the thread never takes the device's lock. Without threads jobs run inside lull_queue_submit. */
+/* A thread that runs jobs in the order of submission. Jobs are numbered from 1 on. Has its own
+ * mutex; the thread never takes the device's lock. Without threads jobs run inside
+ * lull_queue_submit. */
 typedef struct lull_queue {
     lull_mutex mutex;
     lull_cond submitted, finished;
     lull_thread thread;
     bool started, stop;
-    bool running;          /* a job is */
-    bool abandoned;        /* the device died inside a job: the thread frees it */
-    long process;          /* that started the thread */
-    uint64_t head, tail;   /* jobs finished, jobs submitted */
-    lull_fault fault;      /* first error of asynchronous work, for the next synchronisation */
+    bool running;        /* a job is */
+    bool abandoned;      /* the device died inside a job: the thread frees it */
+    long process;        /* that started the thread */
+    uint64_t head, tail; /* jobs finished, jobs submitted */
+    lull_fault fault;    /* first error of asynchronous work, for the next synchronisation */
     lull_job jobs[LULL_QUEUE_SIZE];
 } lull_queue;
 
 /* Starts the thread of the device's queue. */
 bool lull_queue_start(OIDNDevice device);
 
-/* Makes room for a job, with the device unlocked meanwhile, so before looking at any state; in a forked
- * child also starts the threads anew. False inside a progress function if there is no room. */
+/* Makes room for a job, with the device unlocked meanwhile, so before looking at any state; in a
+ * forked child also starts the threads anew. False inside a progress function if there is
+ * no room. */
 bool lull_queue_reserve(OIDNDevice device, lull_fault *fault);
 
 /* Appends a job, taking over its references; returns its number. */
@@ -168,8 +171,8 @@ uint64_t lull_queue_submit(OIDNDevice device, const lull_job *job);
 /* Whether job `number` is done. */
 bool lull_queue_is_done(OIDNDevice device, uint64_t number);
 
-/* Waits for job `number` with the device unlocked. False inside a progress function, unless the job is
- * done already. */
+/* Waits for job `number` with the device unlocked. False inside a progress function, unless the job
+ * is done already. */
 bool lull_queue_wait(OIDNDevice device, uint64_t number, lull_fault *fault);
 
 /* Moves the error of asynchronous work, if there is one, to `fault`; then false. */
@@ -184,7 +187,7 @@ bool lull_queue_is_self(const lull_queue *queue);
 /* Stops the thread after all jobs. */
 void lull_queue_stop(OIDNDevice device);
 
-/* ---- Objects ------------------------------------------------------------------------------------ */
+/* ---- Objects --------------------------------------------------------------------------------- */
 
 /* Weights ready to run: a core model in memory of its own. */
 typedef struct lull_weights {
@@ -252,7 +255,7 @@ struct OIDNFilterImpl {
     void *plan_memory;
     lull_frame frame;
     const lull_model *model;
-    void *stage;          /* tight output image, if the output overlaps an input other than exactly */
+    void *stage; /* tight output image, if the output overlaps an input other than exactly */
     size_t stage_bytes;
     lull_images committed; /* images as executed */
     OIDNBuffer committed_buffers[LULL_IMAGES];
@@ -262,7 +265,7 @@ struct OIDNSemaphoreImpl {
     lull_atomic refs;
 };
 
-/* ---- Calls -------------------------------------------------------------------------------------- */
+/* ---- Calls ----------------------------------------------------------------------------------- */
 
 /* Frame of an API function:
  *     lull_call call;
@@ -278,7 +281,8 @@ typedef struct lull_call {
 /* Locks and holds the device; NULL is an error of no device and returns false. */
 bool lull_call_begin(lull_call *call, OIDNDevice device);
 
-/* Unlocks, reports the fault if there is one, and lets the device go. Returns true if there was none. */
+/* Unlocks, reports the fault if there is one, and lets the device go. Returns true if there was
+ * none. */
 bool lull_call_end(lull_call *call);
 
 /* Error of no device, from functions that have none. */
@@ -295,14 +299,14 @@ void lull_device_drop(OIDNDevice device);
 void lull_device_destroy(OIDNDevice device); /* by the queue's thread, once abandoned */
 void lull_buffer_hold(OIDNBuffer buffer);    /* NULL is allowed */
 void lull_buffer_drop(OIDNBuffer buffer);
-void lull_filter_drop(OIDNFilter filter);    /* one of `refs` */
+void lull_filter_drop(OIDNFilter filter); /* one of `refs` */
 
-/* ---- Filters ------------------------------------------------------------------------------------ */
+/* ---- Filters --------------------------------------------------------------------------------- */
 
 /* Checks an image (contract of oidnSetFilterImage) and describes it. `buffer` NULL: `pointer`. */
-bool lull_image_param_make(lull_image_param *image, OIDNBuffer buffer, void *pointer, OIDNFormat format,
-                           size_t width, size_t height, size_t offset, size_t pixel_stride,
-                           size_t row_stride, lull_fault *fault);
+bool lull_image_param_make(lull_image_param *image, OIDNBuffer buffer, void *pointer,
+                           OIDNFormat format, size_t width, size_t height, size_t offset,
+                           size_t pixel_stride, size_t row_stride, lull_fault *fault);
 
 /* Channels and bytes of a pixel, 0 for OIDN_FORMAT_UNDEFINED. */
 unsigned lull_format_channels(OIDNFormat format);
@@ -314,14 +318,16 @@ bool lull_images_overlap(const lull_image_param *a, const lull_image_param *b);
 /* Checks everything and prepares execution (commit.c). */
 bool lull_filter_commit(OIDNFilter filter, lull_fault *fault);
 
-/* The execution of a committed filter as a job (execute.c). INVALID_OPERATION if it is not committed. */
+/* The execution of a committed filter as a job (execute.c). INVALID_OPERATION if it is not
+ * committed. */
 bool lull_filter_make_job(OIDNFilter filter, lull_job *job, lull_fault *fault);
 
 /* Frees the plan, which no queued work may use. */
 void lull_filter_free_plan(OIDNFilter filter);
 
-/* A built-in model for the frame: loads it into the device's cache, tells its size unpacked, and takes
- * from frame->features the images that it cannot use. INVALID_OPERATION if there is none (builtin.c). */
+/* A built-in model for the frame: loads it into the device's cache, tells its size unpacked, and
+ * takes from frame->features the images that it cannot use. INVALID_OPERATION if there is none
+ * (builtin.c). */
 bool lull_builtin_select(OIDNDevice device, lull_frame *frame, bool clean_aux, OIDNQuality quality,
                          const lull_model **model, size_t *bytes, lull_fault *fault);
 

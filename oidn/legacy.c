@@ -76,7 +76,8 @@ OIDN_API void oidnRemoveFilterData(OIDNFilter filter, const char *name)
     oidnUnsetFilterData(filter, name);
 }
 
-OIDN_API void *oidnMapBuffer(OIDNBuffer buffer, OIDNAccess access, size_t byteOffset, size_t byteSize)
+OIDN_API void *oidnMapBuffer(OIDNBuffer buffer, OIDNAccess access, size_t byteOffset,
+                             size_t byteSize)
 {
     void *data = NULL;
     lull_call call;
@@ -86,7 +87,8 @@ OIDN_API void *oidnMapBuffer(OIDNBuffer buffer, OIDNAccess access, size_t byteOf
             lull_fail(&call.fault, OIDN_ERROR_INVALID_ARGUMENT, "invalid access: %d", (int)access);
         else if (byteOffset > buffer->bytes || byteSize > buffer->bytes - byteOffset)
             lull_fail(&call.fault, OIDN_ERROR_INVALID_ARGUMENT, "buffer region is out of range");
-        else if (buffer->data && lull_queue_wait(buffer->device, buffer->device->queue.tail, &call.fault))
+        else if (buffer->data &&
+                 lull_queue_wait(buffer->device, buffer->device->queue.tail, &call.fault))
             data = buffer->data + byteOffset;
     }
     lull_call_end(&call);

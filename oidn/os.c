@@ -14,7 +14,7 @@
 #include <unistd.h>
 #endif
 
-/* ---- Memory ------------------------------------------------------------------------------------- */
+/* ---- Memory ---------------------------------------------------------------------------------- */
 
 /* The address that malloc returned lies just before each block. */
 void *lull_os_alloc(size_t size)
@@ -52,7 +52,7 @@ void lull_os_free(void *block)
     free(raw);
 }
 
-/* ---- Threads: none ------------------------------------------------------------------------------ */
+/* ---- Threads: none --------------------------------------------------------------------------- */
 
 #if !LULL_WITH_THREADS
 
@@ -62,19 +62,34 @@ void lull_mutex_lock(lull_mutex *m) { (void)m; }
 void lull_mutex_unlock(lull_mutex *m) { (void)m; }
 void lull_cond_init(lull_cond *c) { *c = 0; }
 void lull_cond_destroy(lull_cond *c) { (void)c; }
-void lull_cond_wait(lull_cond *c, lull_mutex *m) { (void)c; (void)m; }
+void lull_cond_wait(lull_cond *c, lull_mutex *m)
+{
+    (void)c;
+    (void)m;
+}
 void lull_cond_signal(lull_cond *c) { (void)c; }
 void lull_cond_broadcast(lull_cond *c) { (void)c; }
 
 int lull_thread_start(lull_thread *t, size_t stack, void (*run)(void *arg), void *arg)
 {
-    (void)t; (void)stack; (void)run; (void)arg;
+    (void)t;
+    (void)stack;
+    (void)run;
+    (void)arg;
     return 0;
 }
 void lull_thread_join(lull_thread *t) { (void)t; }
 void lull_thread_detach(lull_thread *t) { (void)t; }
-int lull_thread_is_self(const lull_thread *t) { (void)t; return 0; }
-int lull_thread_pin(int cpu) { (void)cpu; return 0; }
+int lull_thread_is_self(const lull_thread *t)
+{
+    (void)t;
+    return 0;
+}
+int lull_thread_pin(int cpu)
+{
+    (void)cpu;
+    return 0;
+}
 size_t lull_thread_number(void) { return 1; }
 
 #else
@@ -217,7 +232,7 @@ int lull_thread_pin(int cpu)
 #endif /* POSIX */
 #endif /* LULL_WITH_THREADS */
 
-/* ---- Clock and process -------------------------------------------------------------------------- */
+/* ---- Clock and process ----------------------------------------------------------------------- */
 
 #if defined(_WIN32)
 

@@ -1,5 +1,6 @@
-/* What the facade needs of an operating system: memory, locks, threads, atomics, a clock. POSIX, Windows,
- * or nothing at all (LULL_WITH_THREADS=0: locks do nothing and work runs on the calling thread). */
+/* What the facade needs of an operating system: memory, locks, threads, atomics, a clock. POSIX,
+ * Windows, or nothing at all (LULL_WITH_THREADS=0: locks do nothing and work runs on the calling
+ * thread). */
 #ifndef LULL_OIDN_OS_H
 #define LULL_OIDN_OS_H
 
@@ -19,17 +20,18 @@
 #include <pthread.h>
 #endif
 
-/* ---- Memory ------------------------------------------------------------------------------------- */
+/* ---- Memory ---------------------------------------------------------------------------------- */
 
 /* Alignment of every block from lull_os_alloc. */
 #define LULL_OS_ALIGN 256u
 
-/* A block of `size` bytes, or NULL. The only two places where the facade reaches malloc and free. */
+/* A block of `size` bytes, or NULL. The only two places where the facade reaches malloc
+ * and free. */
 void *lull_os_alloc(size_t size);
 void *lull_os_alloc_zero(size_t size);
 void lull_os_free(void *block);
 
-/* ---- Locks and threads -------------------------------------------------------------------------- */
+/* ---- Locks and threads ----------------------------------------------------------------------- */
 
 #if !LULL_WITH_THREADS
 typedef int lull_mutex;
@@ -59,8 +61,8 @@ void lull_cond_wait(lull_cond *c, lull_mutex *m);
 void lull_cond_signal(lull_cond *c);
 void lull_cond_broadcast(lull_cond *c);
 
-/* Starts a thread with a stack of `stack` bytes (0: the system's default). Returns 0 on failure, and
- * always without threads. */
+/* Starts a thread with a stack of `stack` bytes (0: the system's default). Returns 0 on failure,
+ * and always without threads. */
 int lull_thread_start(lull_thread *t, size_t stack, void (*run)(void *arg), void *arg);
 void lull_thread_join(lull_thread *t);
 void lull_thread_detach(lull_thread *t);
@@ -78,16 +80,20 @@ long lull_process_id(void);
 /* Monotonic nanoseconds. */
 uint64_t lull_clock_ns(void);
 
-/* ---- Atomics ------------------------------------------------------------------------------------ */
+/* ---- Atomics --------------------------------------------------------------------------------- */
 
-/* Sequentially consistent operations on 32-bit words. Add returns the old value; swap replaces `from` by
- * `to` and returns whether it did. */
+/* Sequentially consistent operations on 32-bit words. Add returns the old value; swap replaces
+ * `from` by `to` and returns whether it did. */
 typedef uint32_t lull_atomic;
 
 #if !LULL_WITH_THREADS
 static inline uint32_t lull_atomic_load(const lull_atomic *a) { return *a; }
 static inline void lull_atomic_store(lull_atomic *a, uint32_t v) { *a = v; }
-static inline uint32_t lull_atomic_add(lull_atomic *a, uint32_t v) { *a += v; return *a - v; }
+static inline uint32_t lull_atomic_add(lull_atomic *a, uint32_t v)
+{
+    *a += v;
+    return *a - v;
+}
 static inline int lull_atomic_swap(lull_atomic *a, uint32_t from, uint32_t to)
 {
     return *a == from ? (*a = to, 1) : 0;
@@ -137,7 +143,7 @@ static inline void lull_cpu_relax(void) { __asm__ __volatile__("" ::: "memory");
 #endif
 #endif
 
-/* ---- Processors --------------------------------------------------------------------------------- */
+/* ---- Processors ------------------------------------------------------------------------------ */
 
 #define LULL_OS_MAX_CPUS 1024
 

@@ -8,21 +8,21 @@
 #include <string.h>
 
 static const lull_param params[] = {
-#define PARAM(owner, kind, name, slot, initial, access) \
+#define PARAM(owner, kind, name, slot, initial, access)                                            \
     {LULL_##owner, LULL_##kind, name, lull_value_##slot, LULL_##access},
-#define ALIAS(owner, kind, name, slot, access) \
+#define ALIAS(owner, kind, name, slot, access)                                                     \
     {LULL_##owner, LULL_##kind, name, lull_value_##slot, LULL_##access},
 #include "params.def"
 };
 
-#define LULL_INITIAL_BOOL(x) {.i = (x)}
-#define LULL_INITIAL_INT(x) {.i = (x)}
-#define LULL_INITIAL_FLOAT(x) {.f = (x)}
-#define LULL_INITIAL_IMAGE(x) {.i = (x)}
-#define LULL_INITIAL_DATA(x) {.i = (x)}
+#define LULL_INITIAL_BOOL(x) .i = (x)
+#define LULL_INITIAL_INT(x) .i = (x)
+#define LULL_INITIAL_FLOAT(x) .f = (x)
+#define LULL_INITIAL_IMAGE(x) .i = (x)
+#define LULL_INITIAL_DATA(x) .i = (x)
 
 static const lull_value initial[LULL_SLOTS] = {
-#define PARAM(owner, kind, name, slot, value, access) LULL_INITIAL_##kind(value),
+#define PARAM(owner, kind, name, slot, value, access) {LULL_INITIAL_##kind(value)},
 #include "params.def"
 };
 
@@ -39,7 +39,8 @@ const lull_param *lull_param_find(enum lull_owner owner, const char *name)
 void lull_params_reset(lull_value values[LULL_SLOTS]) { memcpy(values, initial, sizeof initial); }
 
 /* The parameter if it may be set through an accessor of that kind; else warns. */
-static const lull_param *settable(enum lull_owner owner, const char *name, bool is_float, int verbose)
+static const lull_param *settable(enum lull_owner owner, const char *name, bool is_float,
+                                  int verbose)
 {
     const lull_param *param = lull_param_find(owner, name);
     const bool fits = param && (is_float ? param->kind == LULL_FLOAT
@@ -47,7 +48,8 @@ static const lull_param *settable(enum lull_owner owner, const char *name, bool 
 
     if (fits && param->access != LULL_GET)
         return param;
-    lull_warn(verbose, "ignoring %s parameter '%s'", fits ? "read-only" : "unknown or mistyped", name);
+    lull_warn(verbose, "ignoring %s parameter '%s'", fits ? "read-only" : "unknown or mistyped",
+              name);
     return NULL;
 }
 
@@ -61,8 +63,10 @@ bool lull_param_set_int(lull_value values[], enum lull_owner owner, const char *
     if (param->access == LULL_QUALITY) {
         if (value == OIDN_QUALITY_DEFAULT)
             value = OIDN_QUALITY_HIGH;
-        if (value != OIDN_QUALITY_FAST && value != OIDN_QUALITY_BALANCED && value != OIDN_QUALITY_HIGH)
-            return lull_fail(fault, OIDN_ERROR_INVALID_ARGUMENT, "unknown filter quality: %d", value);
+        if (value != OIDN_QUALITY_FAST && value != OIDN_QUALITY_BALANCED &&
+            value != OIDN_QUALITY_HIGH)
+            return lull_fail(fault, OIDN_ERROR_INVALID_ARGUMENT, "unknown filter quality: %d",
+                             value);
     }
     values[param->slot].i = param->kind == LULL_BOOL ? value != 0 : value;
     return true;
@@ -77,8 +81,8 @@ void lull_param_set_float(lull_value values[], enum lull_owner owner, const char
         values[param->slot].f = value;
 }
 
-bool lull_param_get(const lull_value values[], enum lull_owner owner, const char *name, bool is_float,
-                    lull_value *value, lull_fault *fault)
+bool lull_param_get(const lull_value values[], enum lull_owner owner, const char *name,
+                    bool is_float, lull_value *value, lull_fault *fault)
 {
     const lull_param *param = lull_param_find(owner, name);
 
@@ -91,7 +95,7 @@ bool lull_param_get(const lull_value values[], enum lull_owner owner, const char
     return true;
 }
 
-/* ---- Environment and messages ------------------------------------------------------------------- */
+/* ---- Environment and messages ---------------------------------------------------------------- */
 
 int lull_env_is_set(const char *name)
 {

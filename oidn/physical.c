@@ -5,8 +5,8 @@
 
 enum kind { KIND_INT, KIND_STRING, KIND_DATA };
 
-/* Parameters of the processor. `missing`: exists only where the interface says that it is supported, so
- * never here. */
+/* Parameters of the processor. `missing`: exists only where the interface says that it is
+ * supported, so never here. */
 static const struct {
     const char *name;
     enum kind kind;
@@ -46,7 +46,8 @@ static size_t find(int id, const char *name, enum kind kind)
         return PARAMETERS;
     }
     for (i = 0; i < PARAMETERS; i++)
-        if (parameters[i].kind == kind && !parameters[i].missing && !strcmp(parameters[i].name, name))
+        if (parameters[i].kind == kind && !parameters[i].missing &&
+            !strcmp(parameters[i].name, name))
             return i;
     lull_global_error(OIDN_ERROR_INVALID_ARGUMENT,
                       "unknown physical device parameter or type mismatch: '%.80s'", name);
@@ -65,8 +66,8 @@ OIDN_API bool oidnGetPhysicalDeviceBool(int physicalDeviceID, const char *name)
     return oidnGetPhysicalDeviceInt(physicalDeviceID, name) != 0;
 }
 
-/* The brand, asked of the processor once. Threads that come at the same time write the same bytes, but
- * that would still be a race, so there is a lock. */
+/* The brand, asked of the processor once. Threads that come at the same time write the same bytes,
+ * but that would still be a race, so there is a lock. */
 static const char *brand(void)
 {
     static char text[64];
@@ -88,19 +89,36 @@ OIDN_API const char *oidnGetPhysicalDeviceString(int physicalDeviceID, const cha
 }
 
 /* The processor has no parameter of this kind, so this only tells which error it is. */
-OIDN_API const void *oidnGetPhysicalDeviceData(int physicalDeviceID, const char *name, size_t *byteSize)
+OIDN_API const void *oidnGetPhysicalDeviceData(int physicalDeviceID, const char *name,
+                                               size_t *byteSize)
 {
     (void)byteSize;
     (void)find(physicalDeviceID, name, KIND_DATA);
     return NULL;
 }
 
-/* ---- Other devices ------------------------------------------------------------------------------ */
+/* ---- Other devices --------------------------------------------------------------------------- */
 
-OIDN_API bool oidnIsSYCLDeviceSupported(const void *device) { (void)device; return false; }
-OIDN_API bool oidnIsCUDADeviceSupported(int deviceID) { (void)deviceID; return false; }
-OIDN_API bool oidnIsHIPDeviceSupported(int deviceID) { (void)deviceID; return false; }
-OIDN_API bool oidnIsMetalDeviceSupported(MTLDevice_id device) { (void)device; return false; }
+OIDN_API bool oidnIsSYCLDeviceSupported(const void *device)
+{
+    (void)device;
+    return false;
+}
+OIDN_API bool oidnIsCUDADeviceSupported(int deviceID)
+{
+    (void)deviceID;
+    return false;
+}
+OIDN_API bool oidnIsHIPDeviceSupported(int deviceID)
+{
+    (void)deviceID;
+    return false;
+}
+OIDN_API bool oidnIsMetalDeviceSupported(MTLDevice_id device)
+{
+    (void)device;
+    return false;
+}
 
 OIDN_API OIDNDevice oidnNewSYCLDevice(const void *queues, int numQueues)
 {
@@ -109,7 +127,8 @@ OIDN_API OIDNDevice oidnNewSYCLDevice(const void *queues, int numQueues)
     return oidnNewDevice(OIDN_DEVICE_TYPE_SYCL);
 }
 
-OIDN_API OIDNDevice oidnNewCUDADevice(const int *deviceIDs, const cudaStream_t *streams, int numPairs)
+OIDN_API OIDNDevice oidnNewCUDADevice(const int *deviceIDs, const cudaStream_t *streams,
+                                      int numPairs)
 {
     (void)deviceIDs;
     (void)streams;
@@ -135,15 +154,16 @@ OIDN_API OIDNDevice oidnNewMetalDevice(const MTLCommandQueue_id *commandQueues, 
 /* The processor has no identifier, so nothing matches. */
 static OIDNDevice no_match(const char *what, bool is_null)
 {
-    lull_global_error(OIDN_ERROR_INVALID_ARGUMENT, is_null ? "%s is null" : "no physical device has this %s",
-                      what);
+    lull_global_error(OIDN_ERROR_INVALID_ARGUMENT,
+                      is_null ? "%s is null" : "no physical device has this %s", what);
     return NULL;
 }
 
 OIDN_API OIDNDevice oidnNewDeviceByUUID(const void *uuid) { return no_match("UUID", !uuid); }
 OIDN_API OIDNDevice oidnNewDeviceByLUID(const void *luid) { return no_match("LUID", !luid); }
 
-OIDN_API OIDNDevice oidnNewDeviceByPCIAddress(int pciDomain, int pciBus, int pciDevice, int pciFunction)
+OIDN_API OIDNDevice oidnNewDeviceByPCIAddress(int pciDomain, int pciBus, int pciDevice,
+                                              int pciFunction)
 {
     (void)pciDomain;
     (void)pciBus;

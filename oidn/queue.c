@@ -1,4 +1,5 @@
-/* The thread that does asynchronous work, one per device. Filters run here, as worker 0 of the pool. */
+/* The thread that does asynchronous work, one per device. Filters run here, as worker 0 of the
+ * pool. */
 #include "internal.h"
 
 static void drop_references(lull_job *job)
@@ -167,7 +168,8 @@ uint64_t lull_queue_submit(OIDNDevice device, const lull_job *job)
 
 bool lull_queue_sync(OIDNDevice device, lull_fault *fault)
 {
-    return lull_queue_wait(device, device->queue.tail, fault) && lull_queue_take_fault(device, fault);
+    return lull_queue_wait(device, device->queue.tail, fault) &&
+           lull_queue_take_fault(device, fault);
 }
 
 bool lull_queue_take_fault(OIDNDevice device, lull_fault *fault)

@@ -20,9 +20,8 @@ OIDN_API OIDNSemaphore oidnNewSharedSemaphoreFromFD(OIDNDevice device,
     return refuse(device);
 }
 
-OIDN_API OIDNSemaphore oidnNewSharedSemaphoreFromWin32Handle(OIDNDevice device,
-                                                             OIDNExternalSemaphoreTypeFlags handleType,
-                                                             void *handle, const void *name)
+OIDN_API OIDNSemaphore oidnNewSharedSemaphoreFromWin32Handle(
+    OIDNDevice device, OIDNExternalSemaphoreTypeFlags handleType, void *handle, const void *name)
 {
     (void)handleType;
     (void)handle;
@@ -39,7 +38,8 @@ static void use(OIDNDevice device, const OIDNSemaphore *semaphores, int count)
         if (count < 0 || (count > 0 && (!semaphores || !semaphores[0])))
             lull_fail(&call.fault, OIDN_ERROR_INVALID_ARGUMENT, "semaphores are null");
         else if (count > 0)
-            lull_fail(&call.fault, OIDN_ERROR_INVALID_OPERATION, "the device supports no semaphores");
+            lull_fail(&call.fault, OIDN_ERROR_INVALID_OPERATION,
+                      "the device supports no semaphores");
     }
     lull_call_end(&call);
 }

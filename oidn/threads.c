@@ -1,12 +1,12 @@
 /* The team of threads. See threads.h.
  *
- * A loop is published as one atomic word, count << 16 | next. Taking an index is one fetch-and-add on it:
- * the word that comes back says whether the index is one of a running loop, and as long as that index
- * is not finished the owner cannot go on, so body and context are stable. */
+ * A loop is published as one atomic word, count << 16 | next. Taking an index is one fetch-and-add
+ * on it: the word that comes back says whether the index is one of a running loop, and as long as
+ * that index is not finished the owner cannot go on, so body and context are stable. */
 #include "threads.h"
 
-#define SPIN_NS 50000u     /* how long to look for work before sleeping; about one wake-up */
-#define LOOP_MAX 0x7fffu   /* indices published at once; longer loops run in pieces */
+#define SPIN_NS 50000u   /* how long to look for work before sleeping; about one wake-up */
+#define LOOP_MAX 0x7fffu /* indices published at once; longer loops run in pieces */
 #define WORKER_STACK ((size_t)256 << 10)
 
 typedef struct worker {
@@ -31,7 +31,7 @@ struct lull_pool {
     lull_mutex mutex;
     lull_cond work, finished;
     unsigned spin_ns;
-    int owner_cpu; /* to pin the owner to, or -1 */
+    int owner_cpu;            /* to pin the owner to, or -1 */
     unsigned wanted, started; /* threads besides the owner */
     worker *workers;
 };
@@ -204,8 +204,8 @@ static void wait_finished(lull_pool *pool, unsigned count)
     lull_mutex_unlock(&pool->mutex);
 }
 
-void lull_pool_for(void *opaque, unsigned count, void (*body)(void *context, unsigned index, unsigned worker),
-                   void *context)
+void lull_pool_for(void *opaque, unsigned count,
+                   void (*body)(void *context, unsigned index, unsigned worker), void *context)
 {
     lull_pool *pool = opaque;
     unsigned i;

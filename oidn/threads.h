@@ -1,8 +1,8 @@
-/* A team of threads that runs loops. One thread at a time, the owner, gives it work and takes part as
- * worker 0; the others sleep while there is none.
+/* A team of threads that runs loops. One thread at a time, the owner, gives it work and takes part
+ * as worker 0; the others sleep while there is none.
  *
- * The owner never waits for a thread that is slow to wake: threads join a loop when they come, and the
- * owner waits only for indices that have been taken. */
+ * The owner never waits for a thread that is slow to wake: threads join a loop when they come, and
+ * the owner waits only for indices that have been taken. */
 #ifndef LULL_OIDN_THREADS_H
 #define LULL_OIDN_THREADS_H
 
@@ -27,8 +27,8 @@ void lull_pool_leave(lull_pool *pool);
 
 /* Runs body(context, index, worker) once for each index below count; has the signature of
  * lull_host.parallel_for, `pool` being a lull_pool. Returns when all are done. */
-void lull_pool_for(void *pool, unsigned count, void (*body)(void *context, unsigned index, unsigned worker),
-                   void *context);
+void lull_pool_for(void *pool, unsigned count,
+                   void (*body)(void *context, unsigned index, unsigned worker), void *context);
 
 /* In a forked child, where the threads of the parent do not exist: starts as many anew, or none. */
 void lull_pool_restart(lull_pool *pool, int start);

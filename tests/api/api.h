@@ -1,6 +1,6 @@
-/* Shared by the tests of the OIDN interface. They also pass on Open Image Denoise itself (link against it
- * and set LULL_TEST_PEER=1, which leaves out what it does differently), so they test the contract and not
- * our reading of it. */
+/* Shared by the tests of the OIDN interface. They also pass on Open Image Denoise itself (link
+ * against it and set LULL_TEST_PEER=1, which leaves out what it does differently), so they test the
+ * contract and not our reading of it. */
 #ifndef LULL_TESTS_API_H
 #define LULL_TESTS_API_H
 
@@ -19,6 +19,16 @@
 #include <stdlib.h>
 #include <string.h>
 
+#define COUNT(array) (sizeof(array) / sizeof *(array))
+
+#define F1 OIDN_FORMAT_FLOAT
+#define F2 OIDN_FORMAT_FLOAT2
+#define F3 OIDN_FORMAT_FLOAT3
+#define F4 OIDN_FORMAT_FLOAT4
+#define H1 OIDN_FORMAT_HALF
+#define H3 OIDN_FORMAT_HALF3
+#define H4 OIDN_FORMAT_HALF4
+
 /* True when the library under test is Open Image Denoise. */
 static inline int is_peer(void) { return getenv("LULL_TEST_PEER") != NULL; }
 
@@ -33,10 +43,10 @@ static inline OIDNError take_error(OIDNDevice device)
 }
 
 /* The error of the last call was `code`, and it was the only one. */
-#define ERROR(device, code)                                         \
-    do {                                                            \
-        CHECK_EQ(take_error(device), (code));                       \
-        CHECK_EQ(oidnGetDeviceError((device), NULL), 0);            \
+#define ERROR(device, code)                                                                        \
+    do {                                                                                           \
+        CHECK_EQ(take_error(device), (code));                                                      \
+        CHECK_EQ(oidnGetDeviceError((device), NULL), 0);                                           \
     } while (0)
 #define NONE OIDN_ERROR_NONE
 #define UNKNOWN OIDN_ERROR_UNKNOWN
@@ -56,8 +66,8 @@ static inline OIDNDevice new_device(void)
     return device;
 }
 
-/* Identity weights of 3, 6 and 9 inputs, kept for the whole program. Open Image Denoise knows only its
- * own widths. */
+/* Identity weights of 3, 6 and 9 inputs, kept for the whole program. Open Image Denoise knows only
+ * its own widths. */
 typedef struct weights {
     void *data;
     size_t bytes;
@@ -91,7 +101,8 @@ static inline void free_identity(void)
 }
 
 /* A committed RT filter (srgb, so that the identity is exact) from in to out, float3, tight. */
-static inline OIDNFilter new_identity(OIDNDevice device, float *in, float *out, size_t width, size_t height)
+static inline OIDNFilter new_identity(OIDNDevice device, float *in, float *out, size_t width,
+                                      size_t height)
 {
     OIDNFilter filter = oidnNewFilter(device, "RT");
 
@@ -119,6 +130,36 @@ static inline float *noise_image(size_t floats, unsigned seed)
     for (i = 0; i < floats; i++)
         image[i] = noise(&seed);
     return image;
+}
+
+/* Largest difference of two float images. */
+static inline float difference(const float *a, const float *b, size_t n)
+{
+    float most = 0;
+    size_t i;
+
+    for (i = 0; i < n; i++)
+        if (!(fabsf(a[i] - b[i]) <= most))
+            most = fabsf(a[i] - b[i]);
+    return most;
+}
+
+/* Whether commits without user weights can succeed at all. */
+static inline int has_builtin(void)
+{
+    float in[3 * 4 * 4] = {0}, out[3 * 4 * 4];
+    OIDNDevice device = new_device();
+    OIDNFilter filter = oidnNewFilter(device, "RT");
+    int ok;
+
+    oidnSetSharedFilterImage(filter, "color", in, OIDN_FORMAT_FLOAT3, 4, 4, 0, 0, 0);
+    oidnSetSharedFilterImage(filter, "output", out, OIDN_FORMAT_FLOAT3, 4, 4, 0, 0, 0);
+    oidnSetFilterBool(filter, "hdr", true);
+    oidnCommitFilter(filter);
+    ok = oidnGetDeviceError(device, NULL) == NONE;
+    oidnReleaseFilter(filter);
+    oidnReleaseDevice(device);
+    return ok;
 }
 
 #endif

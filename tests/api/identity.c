@@ -34,11 +34,16 @@ static const layer unet_large[] = {
 static unsigned channels(unsigned code, unsigned inputs, unsigned width)
 {
     switch (code) {
-    case I: return inputs;
-    case W: return width;
-    case WI: return width + inputs;
-    case WW: return 2 * width;
-    default: return code;
+    case I:
+        return inputs;
+    case W:
+        return width;
+    case WI:
+        return width + inputs;
+    case WW:
+        return 2 * width;
+    default:
+        return code;
     }
 }
 
@@ -103,7 +108,8 @@ static void put_entry(file *table, const char *prefix, const char *suffix, const
 
 static void put_layer(file *f, file *table, const layer *l, unsigned inputs, unsigned width)
 {
-    const unsigned dims[4] = {channels(l->out, inputs, width), channels(l->in, inputs, width), 3, 3};
+    const unsigned dims[4] = {channels(l->out, inputs, width), channels(l->in, inputs, width), 3,
+                              3};
     const unsigned first = l->pass < 0 ? 0 : channels((unsigned)l->pass, inputs, width);
     unsigned o, i, k;
 

@@ -2,7 +2,7 @@
 # Programs made for Open Image Denoise, run on our library: the official oidnTest, oidnDenoise and
 # oidnBenchmark of the Python package pyoidn, and its Python module.
 #
-#   peer_test.sh             all of them, then memcheck on the [minimal] cases if valgrind is installed
+#   peer_test.sh             all of them, then memcheck on the [minimal] cases, with valgrind
 #   peer_test.sh --sanitize  oidnTest on the library built with address and undefined sanitizers
 #
 # Environment: LULL_BUILD (default build), PYTHON (one that has pyoidn and numpy; default
@@ -47,9 +47,12 @@ fi
 
 # Their binaries look for libraries in ../lib: ours, and nothing else.
 mkdir "$work/bin" "$work/lib"
-cp "$package/oidn/bin/oidnTest" "$package/oidn/bin/oidnDenoise" "$package/oidn/bin/oidnBenchmark" "$work/bin"
+for program in oidnTest oidnDenoise oidnBenchmark; do
+    cp "$package/oidn/bin/$program" "$work/bin"
+done
 
-# All cases of oidnTest, one by one, so that each counts. $1 prefix of the names, the rest: environment
+# All cases of oidnTest, one by one, so that each counts. $1: prefix of their names; the rest:
+# environment
 official_test() {
     label=$1
     shift
@@ -76,7 +79,7 @@ fi
 cp "$build/lib/libOpenImageDenoise.so.2" "$work/lib"
 official_test oidnTest OIDN_VERBOSE=0
 
-# ---- oidnDenoise: runs on our library, and gives the bytes that our own program gives ---------------
+# ---- oidnDenoise: runs on our library, and gives the bytes of our own program ------------------
 "$python" - "$work" <<'END'
 import sys
 import numpy as np
@@ -101,7 +104,8 @@ same_output() { # NAME OPTION...
     shift
     rm -f "$work/theirs.pfm" "$work/ours.pfm"
     try "oidnDenoise $name" "$work/bin/oidnDenoise" "$@" -o "$work/theirs.pfm"
-    "$build/bin/oidnDenoise" "$@" -o "$work/ours.pfm" >"$work/log" 2>&1 || bad "our oidnDenoise $name"
+    "$build/bin/oidnDenoise" "$@" -o "$work/ours.pfm" >"$work/log" 2>&1 ||
+        bad "our oidnDenoise $name"
     if cmp -s "$work/theirs.pfm" "$work/ours.pfm"; then ok "oidnDenoise $name: same output"; else
         bad "oidnDenoise $name: other output than our program's"
     fi
@@ -128,17 +132,19 @@ same_output "weights" --hdr color.pfm -w "$root/weights/rt_hdr_w16.tza"
 try "oidnDenoise --ref" bin/oidnDenoise --hdr color.pfm --ref ours.pfm
 try "oidnDenoise --ld" bin/oidnDenoise --ld
 
-# ---- oidnBenchmark ----------------------------------------------------------------------------------
+# ---- oidnBenchmark -----------------------------------------------------------------------------
 try "oidnBenchmark --list" bin/oidnBenchmark --list
 try "oidnBenchmark" bin/oidnBenchmark -s 320 180 -n 2
 lines=$(grep -c 'msec/image' log || true)
-if [ "$lines" -ge 5 ]; then ok "oidnBenchmark: $lines results"; else bad "oidnBenchmark: $lines results"; fi
+try "oidnBenchmark: results" [ "$lines" -ge 5 ]
 for buffer in host device managed hostcopy devicecopy managedcopy; do
-    try "oidnBenchmark --buffer $buffer" bin/oidnBenchmark -r 'RT.hdr_alb_nrm.*' -s 160 90 -n 2 --buffer $buffer
+    try "oidnBenchmark --buffer $buffer" bin/oidnBenchmark -r 'RT.hdr_alb_nrm.*' -s 160 90 -n 2 \
+        --buffer "$buffer"
 done
-try "oidnBenchmark half in place" bin/oidnBenchmark -r 'RT.hdr_alb_nrm.*' -s 160 90 -n 2 -t half --inplace
+try "oidnBenchmark half in place" bin/oidnBenchmark -r 'RT.hdr_alb_nrm.*' -s 160 90 -n 2 -t half \
+    --inplace
 
-# ---- The Python module: its own copy with our library in it -----------------------------------------
+# ---- The Python module: its own copy with our library in it ------------------------------------
 mkdir -p module/pyoidn/oidn/lib
 cp "$package"/*.py module/pyoidn
 cp lib/libOpenImageDenoise.so.2 module/pyoidn/oidn/lib/libOpenImageDenoise.so
@@ -175,10 +181,11 @@ else:
 END
 try "Python module" env PYTHONPATH="$work/module" PYTHONDONTWRITEBYTECODE=1 "$python" module/run.py
 
-# ---- Memcheck ---------------------------------------------------------------------------------------
+# ---- Memcheck ----------------------------------------------------------------------------------
 if command -v valgrind >/dev/null 2>&1; then
-    try "memcheck on [minimal]" env LULL_PORTS=avx2 valgrind --quiet --error-exitcode=9 --leak-check=full \
-        --errors-for-leak-kinds=definite,indirect,possible bin/oidnTest '[minimal]'
+    try "memcheck on [minimal]" env LULL_PORTS=avx2 valgrind --quiet --error-exitcode=9 \
+        --leak-check=full --errors-for-leak-kinds=definite,indirect,possible \
+        bin/oidnTest '[minimal]'
 else
     echo "SKIP memcheck: optional: valgrind is not installed"
     skipped=$((skipped + 1))

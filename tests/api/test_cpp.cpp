@@ -1,5 +1,5 @@
-// The C++ wrapper: every class and function of oidn.hpp, used as programs use them. Also compiled with
-// OIDN_API_NAMESPACE, against a library built so.
+// The C++ wrapper: every class and function of oidn.hpp, used as programs use them. Also compiled
+// with OIDN_API_NAMESPACE, against a library built so.
 #include "OpenImageDenoise/oidn.hpp"
 
 #include "identity.h"
@@ -12,14 +12,14 @@ OIDN_NAMESPACE_USING
 
 static unsigned passed, failed;
 
-#define CHECK(condition)                                                     \
-    do {                                                                     \
-        if (condition)                                                       \
-            passed++;                                                        \
-        else {                                                               \
-            failed++;                                                        \
-            std::printf("FAIL %s:%d: %s\n", __FILE__, __LINE__, #condition); \
-        }                                                                    \
+#define CHECK(condition)                                                                           \
+    do {                                                                                           \
+        if (condition)                                                                             \
+            passed++;                                                                              \
+        else {                                                                                     \
+            failed++;                                                                              \
+            std::printf("FAIL %s:%d: %s\n", __FILE__, __LINE__, #condition);                       \
+        }                                                                                          \
     } while (0)
 
 static void physicalDevices()
@@ -98,18 +98,21 @@ static void handles()
 
 static void flags()
 {
-    const ExternalMemoryTypeFlags both = ExternalMemoryTypeFlag::OpaqueFD | ExternalMemoryTypeFlag::Dedicated;
+    const ExternalMemoryTypeFlags both =
+        ExternalMemoryTypeFlag::OpaqueFD | ExternalMemoryTypeFlag::Dedicated;
     ExternalMemoryTypeFlags some;
     CHECK(!some);
     some |= ExternalMemoryTypeFlag::OpaqueFD;
     CHECK(some == ExternalMemoryTypeFlag::OpaqueFD && some != both);
     CHECK((both & ExternalMemoryTypeFlag::Dedicated) == ExternalMemoryTypeFlag::Dedicated);
     CHECK((ExternalMemoryTypeFlag::Dedicated ^ both) == ExternalMemoryTypeFlag::OpaqueFD);
-    CHECK((ExternalMemoryTypeFlag::OpaqueFD & ExternalMemoryTypeFlag::DMABuf) == ExternalMemoryTypeFlag::None);
+    CHECK((ExternalMemoryTypeFlag::OpaqueFD & ExternalMemoryTypeFlag::DMABuf) ==
+          ExternalMemoryTypeFlag::None);
     some &= ExternalMemoryTypeFlag::DMABuf;
     some ^= both;
     CHECK(static_cast<unsigned int>(some) == (1u | 1u << 30));
-    CHECK(bool(ExternalSemaphoreTypeFlag::OpaqueFD | ExternalSemaphoreTypeFlag::TimelineSemaphoreFD));
+    CHECK(
+        bool(ExternalSemaphoreTypeFlag::OpaqueFD | ExternalSemaphoreTypeFlag::TimelineSemaphoreFD));
 }
 
 static unsigned errors;

@@ -1,6 +1,6 @@
 #!/bin/sh
-# The C++ wrapper in two standards, warnings being errors; and two copies of the library in one process,
-# one of them renamed with OIDN_API_NAMESPACE.
+# The C++ wrapper in two standards, warnings being errors; two copies of the library in one process,
+# one of them renamed with OIDN_API_NAMESPACE; the old names from C.
 set -eu
 root=${LULL_ROOT:-$(cd "$(dirname "$0")/../.." && pwd)}
 build=${LULL_BUILD:-$root/build}
@@ -22,25 +22,28 @@ $CC -std=c99 -O1 -Itests/api -c tests/api/identity.c -o "$work/identity.o"
 # $1 name, $2 flags, $3 library: compiles, runs, and counts the program as one test
 program() {
     # shellcheck disable=SC2086
-    $CXX $warnings $includes $2 tests/api/test_cpp.cpp "$work/identity.o" "$3" -pthread -o "$work/$1"
+    $CXX $warnings $includes $2 tests/api/test_cpp.cpp "$work/identity.o" "$3" -pthread \
+        -o "$work/$1"
     "$work/$1" >"$work/$1.log" || { cat "$work/$1.log"; echo "FAIL $1"; exit 1; }
     passed=$((passed + 1))
 }
 program cpp11 -std=c++11 "$build/lib/libOpenImageDenoise.a"
 program cpp20 -std=c++20 "$build/lib/libOpenImageDenoise.a"
 
-# A second library with other names: the facade again with OIDN_API_NAMESPACE, the core as it is, in a
-# shared library, so that only prefixed names are left outside.
+# A second library with other names: the facade again with OIDN_API_NAMESPACE, the core as it is, in
+# a shared library, so that only prefixed names are left outside.
 mkdir "$work/obj"
 for source in oidn/*.c; do
     $CC -std=c99 -O1 -fPIC -fvisibility=hidden -D_POSIX_C_SOURCE=200809L -DLULL_WITH_THREADS=1 \
-        -DOIDN_API_NAMESPACE=other -Ilib -Iweights -c "$source" -o "$work/obj/$(basename "$source" .c).o"
+        -DOIDN_API_NAMESPACE=other -Ilib -Iweights -c "$source" \
+        -o "$work/obj/$(basename "$source" .c).o"
 done
 weights=
 if [ -f "$build/obj/weights.o" ]; then weights=$build/obj/weights.o; fi
 # shellcheck disable=SC2086
 $CC -shared -o "$work/libother.so" "$work"/obj/*.o $weights "$build/lib/liblull.a" -pthread
-names=$(nm -D --defined-only "$work/libother.so" | awk '$3 !~ /^other_oidn/ && $2 ~ /[A-Z]/ { print $3 }')
+names=$(nm -D --defined-only "$work/libother.so" |
+    awk '$3 !~ /^other_oidn/ && $2 ~ /[A-Z]/ { print $3 }')
 if [ -n "$names" ]; then
     echo "FAIL namespace: exported without the prefix: $names"
     exit 1
@@ -75,8 +78,9 @@ END
 # shellcheck disable=SC2086
 $CC -std=c99 $includes -c "$work/plain.c" -o "$work/plain.o"
 # shellcheck disable=SC2086
-$CXX -std=c++11 $warnings $includes "$work/both.cpp" "$work/plain.o" "$build/lib/libOpenImageDenoise.so.2" \
-    "$work/libother.so" -Wl,-rpath,"$build/lib:$work" -pthread -o "$work/both"
+$CXX -std=c++11 $warnings $includes "$work/both.cpp" "$work/plain.o" \
+    "$build/lib/libOpenImageDenoise.so.2" "$work/libother.so" -Wl,-rpath,"$build/lib:$work" -pthread \
+    -o "$work/both"
 if ! "$work/both"; then
     echo "FAIL both: two copies in one process"
     exit 1
@@ -124,7 +128,8 @@ for standard in c99 c11; do
 done
 
 # The inlines are exported, too, for those who look names up.
-for name in oidnGetPhysicalDeviceUInt oidnSetDevice1b oidnSetFilter1f oidnRemoveFilterImage oidnMapBuffer; do
+for name in oidnGetPhysicalDeviceUInt oidnSetDevice1b oidnSetFilter1f oidnRemoveFilterImage \
+    oidnMapBuffer; do
     nm -D --defined-only "$build/lib/libOpenImageDenoise.so.2" | grep -q " T $name\$" ||
         { echo "FAIL exports: $name"; exit 1; }
 done

@@ -1,39 +1,11 @@
-/* The contract of filters, row by row: parameters, images, data, what a commit accepts, what makes a
- * commit necessary. */
+/* The contract of filters, row by row: parameters, images, weights, empty images. */
 #include "api.h"
 
 #include <limits.h>
 
-#define COUNT(array) (sizeof(array) / sizeof *(array))
-
-#define F1 OIDN_FORMAT_FLOAT
-#define F2 OIDN_FORMAT_FLOAT2
-#define F3 OIDN_FORMAT_FLOAT3
-#define F4 OIDN_FORMAT_FLOAT4
-#define H1 OIDN_FORMAT_HALF
-#define H3 OIDN_FORMAT_HALF3
-#define H4 OIDN_FORMAT_HALF4
-
 static float pixels[4][3 * 64 * 64];
 
-/* Whether commits without user weights can succeed at all. */
-static int has_builtin(void)
-{
-    OIDNDevice device = new_device();
-    OIDNFilter filter = oidnNewFilter(device, "RT");
-    int ok;
-
-    oidnSetSharedFilterImage(filter, "color", pixels[0], OIDN_FORMAT_FLOAT3, 4, 4, 0, 0, 0);
-    oidnSetSharedFilterImage(filter, "output", pixels[3], OIDN_FORMAT_FLOAT3, 4, 4, 0, 0, 0);
-    oidnSetFilterBool(filter, "hdr", true);
-    oidnCommitFilter(filter);
-    ok = oidnGetDeviceError(device, NULL) == NONE;
-    oidnReleaseFilter(filter);
-    oidnReleaseDevice(device);
-    return ok;
-}
-
-/* ---- Values ------------------------------------------------------------------------------------- */
+/* ---- Values ---------------------------------------------------------------------------------- */
 
 static void filter_creation(void)
 {
@@ -66,15 +38,24 @@ static const struct {
     float initial;
     int settable;
 } values[] = {
-    {"hdr", 'b', "r", 0, 1},          {"srgb", 'b', "r", 0, 1},
-    {"cleanAux", 'b', "r", 0, 1},     {"directional", 'b', "l", 0, 1},
-    {"inputScale", 'f', "rl", NAN, 1}, {"hdrScale", 'f', "rl", NAN, 1},
-    {"quality", 'i', "rl", 6, 1},     {"maxMemoryMB", 'i', "rl", -1, 1},
-    {"tileAlignment", 'i', "rl", 1, 0}, {"alignment", 'i', "rl", 1, 0},
-    {"tileOverlap", 'i', "rl", 0, 0}, {"overlap", 'i', "rl", 0, 0},
-    {"color", 'x', "", 0, 0},         {"output", 'x', "", 0, 0},
-    {"weights", 'x', "", 0, 0},       {"nonsense", 'x', "", 0, 0},
-    {"HDR", 'x', "", 0, 0},           {"", 'x', "", 0, 0},
+    {"hdr", 'b', "r", 0, 1},
+    {"srgb", 'b', "r", 0, 1},
+    {"cleanAux", 'b', "r", 0, 1},
+    {"directional", 'b', "l", 0, 1},
+    {"inputScale", 'f', "rl", NAN, 1},
+    {"hdrScale", 'f', "rl", NAN, 1},
+    {"quality", 'i', "rl", 6, 1},
+    {"maxMemoryMB", 'i', "rl", -1, 1},
+    {"tileAlignment", 'i', "rl", 1, 0},
+    {"alignment", 'i', "rl", 1, 0},
+    {"tileOverlap", 'i', "rl", 0, 0},
+    {"overlap", 'i', "rl", 0, 0},
+    {"color", 'x', "", 0, 0},
+    {"output", 'x', "", 0, 0},
+    {"weights", 'x', "", 0, 0},
+    {"nonsense", 'x', "", 0, 0},
+    {"HDR", 'x', "", 0, 0},
+    {"", 'x', "", 0, 0},
 };
 
 static int same(float a, float b) { return a == b || (a != a && b != b); }
@@ -97,7 +78,8 @@ static void filter_values(void)
             ERROR(device, is_int ? NONE : ARGUMENT);
             CHECK_EQ(oidnGetFilterBool(filter, name), is_int && values[i].initial != 0);
             ERROR(device, is_int ? NONE : ARGUMENT);
-            oidnSetFilterFloat(filter, name, 2.5f); /* of the wrong kind or unknown: no error, no effect */
+            oidnSetFilterFloat(filter, name, 2.5f); /* of the wrong kind or unknown: no error, no
+                                                       effect */
             ERROR(device, NONE);
             if (is_int)
                 CHECK_EQ(oidnGetFilterInt(filter, name), (int)values[i].initial);
@@ -108,8 +90,10 @@ static void filter_values(void)
             if (is_float)
                 CHECK(oidnGetFilterFloat(filter, name) == 2.5f);
             if (is_int)
-                CHECK_EQ(oidnGetFilterInt(filter, name), !values[i].settable ? (int)values[i].initial
-                         : values[i].kind == 'b' ? 1 : 5);
+                CHECK_EQ(oidnGetFilterInt(filter, name), !values[i].settable
+                                                             ? (int)values[i].initial
+                                                         : values[i].kind == 'b' ? 1
+                                                                                 : 5);
             if (known && strcmp(name, "quality") != 0) {
                 oidnSetFilterBool(filter, name, true);
                 ERROR(device, NONE);
@@ -162,8 +146,9 @@ static void filter_quality(void)
         OIDNError error;
         int reads_back;
     } rows[] = {
-        {4, NONE, 4}, {5, NONE, 5}, {6, NONE, 6}, {0, NONE, 6}, {1, ARGUMENT, 6},
-        {3, ARGUMENT, 6}, {7, ARGUMENT, 6}, {-1, ARGUMENT, 6}, {INT_MAX, ARGUMENT, 6},
+        {4, NONE, 4},     {5, NONE, 5},      {6, NONE, 6},
+        {0, NONE, 6},     {1, ARGUMENT, 6},  {3, ARGUMENT, 6},
+        {7, ARGUMENT, 6}, {-1, ARGUMENT, 6}, {INT_MAX, ARGUMENT, 6},
     };
     OIDNDevice device = new_device();
     OIDNFilter filter = new_identity(device, pixels[0], pixels[3], 1, 1);
@@ -184,7 +169,7 @@ static void filter_quality(void)
     oidnReleaseDevice(device);
 }
 
-/* ---- Images ------------------------------------------------------------------------------------- */
+/* ---- Images ---------------------------------------------------------------------------------- */
 
 static void image_rules(void)
 {
@@ -200,14 +185,14 @@ static void image_rules(void)
         {4, 3, 1, 0, 0, 145, F3, NONE},
         {4, 3, 0, 100, 0, 144, F3, ARGUMENT},
         {4, 3, 0, 0, 400, 144, F3, ARGUMENT},
-        {4, 3, 0, 16, 0, 188, F3, NONE},        /* the last pixel is not padded */
+        {4, 3, 0, 16, 0, 188, F3, NONE}, /* the last pixel is not padded */
         {4, 3, 0, 16, 0, 187, F3, ARGUMENT},
         {4, 3, 0, 0, 60, 168, F3, NONE},
         {4, 3, 0, 0, 60, 167, F3, ARGUMENT},
-        {4, 3, 0, 13, 0, 155, F3, NONE},        /* any stride of a pixel or more */
+        {4, 3, 0, 13, 0, 155, F3, NONE}, /* any stride of a pixel or more */
         {4, 3, 0, 11, 0, 999, F3, ARGUMENT},
         {4, 3, 0, 0, 47, 999, F3, ARGUMENT},
-        {4, 3, 0, 16, 60, 999, F3, ARGUMENT},   /* rows count from the pixel stride */
+        {4, 3, 0, 16, 60, 999, F3, ARGUMENT}, /* rows count from the pixel stride */
         {4, 3, 0, 16, 64, 999, F3, NONE},
         {4, 3, 0, 0, 0, 72, H3, NONE},
         {4, 3, 0, 0, 0, 71, H3, ARGUMENT},
@@ -246,8 +231,8 @@ static void image_rules(void)
         OIDNError error;
 
         buffer = oidnNewBuffer(device, rows[i].buffer);
-        oidnSetFilterImage(filter, "color", buffer, format, rows[i].width, rows[i].height, rows[i].offset,
-                           rows[i].pixel, rows[i].row);
+        oidnSetFilterImage(filter, "color", buffer, format, rows[i].width, rows[i].height,
+                           rows[i].offset, rows[i].pixel, rows[i].row);
         error = take_error(device);
         if (!CHECK_EQ(error, rows[i].error))
             printf("  row %u\n", (unsigned)i);
@@ -281,11 +266,16 @@ static void shared_image_rules(void)
         int format;
         OIDNError error;
     } rows[] = {
-        {0, 4, 3, 0, OIDN_FORMAT_FLOAT3, NONE},     {0, 4, 3, 100, OIDN_FORMAT_HALF, NONE},
-        {0, 0, 0, 0, OIDN_FORMAT_FLOAT3, NONE},     {0, 4, 3, 0, 77, ARGUMENT},
-        {1, 0, 0, 0, OIDN_FORMAT_FLOAT3, NONE},     {1, 0, 5, 0, OIDN_FORMAT_FLOAT3, NONE},
-        {1, 0, 0, 1, OIDN_FORMAT_FLOAT3, ARGUMENT}, {1, 1, 1, 0, OIDN_FORMAT_FLOAT3, ARGUMENT},
-        {1, 1, 1, 8, OIDN_FORMAT_FLOAT3, ARGUMENT}, {0, 65537, 1, 0, OIDN_FORMAT_FLOAT3, ARGUMENT},
+        {0, 4, 3, 0, OIDN_FORMAT_FLOAT3, NONE},
+        {0, 4, 3, 100, OIDN_FORMAT_HALF, NONE},
+        {0, 0, 0, 0, OIDN_FORMAT_FLOAT3, NONE},
+        {0, 4, 3, 0, 77, ARGUMENT},
+        {1, 0, 0, 0, OIDN_FORMAT_FLOAT3, NONE},
+        {1, 0, 5, 0, OIDN_FORMAT_FLOAT3, NONE},
+        {1, 0, 0, 1, OIDN_FORMAT_FLOAT3, ARGUMENT},
+        {1, 1, 1, 0, OIDN_FORMAT_FLOAT3, ARGUMENT},
+        {1, 1, 1, 8, OIDN_FORMAT_FLOAT3, ARGUMENT},
+        {0, 65537, 1, 0, OIDN_FORMAT_FLOAT3, ARGUMENT},
         {1, 1, 1, SIZE_MAX - 11, OIDN_FORMAT_FLOAT3, ARGUMENT},
     };
     OIDNDevice device = new_device();
@@ -303,308 +293,7 @@ static void shared_image_rules(void)
     oidnReleaseDevice(device);
 }
 
-/* ---- What a commit accepts ---------------------------------------------------------------------- */
-
-typedef struct commit_row {
-    const char *type;
-    int color, albedo, normal, output; /* formats; 0: not set */
-    const char *flags;                 /* h hdr, s srgb, d directional, c cleanAux */
-    int odd;                           /* image that is larger than the others: c a n; 0: none */
-    OIDNError error;
-} commit_row;
-
-static const commit_row commits[] = {
-    /* nothing to work on */
-    {"RT", 0, 0, 0, 0, "", 0, OPERATION},
-    {"RT", 0, 0, 0, F3, "", 0, OPERATION},
-    {"RT", F3, 0, 0, 0, "", 0, OPERATION},
-    {"RTLightmap", 0, 0, 0, F3, "", 0, OPERATION},
-    /* every set of inputs */
-    {"RT", F3, 0, 0, F3, "", 0, NONE},
-    {"RT", F3, 0, 0, F3, "h", 0, NONE},
-    {"RT", F3, 0, 0, F3, "s", 0, NONE},
-    {"RT", F3, F3, 0, F3, "", 0, NONE},
-    {"RT", F3, F3, 0, F3, "h", 0, NONE},
-    {"RT", F3, F3, 0, F3, "hc", 0, NONE},
-    {"RT", F3, F3, F3, F3, "", 0, NONE},
-    {"RT", F3, F3, F3, F3, "h", 0, NONE},
-    {"RT", F3, F3, F3, F3, "s", 0, NONE},
-    {"RT", F3, F3, F3, F3, "hc", 0, NONE},
-    {"RT", F3, F3, F3, F3, "c", 0, NONE},
-    {"RT", 0, F3, 0, F3, "", 0, NONE},
-    {"RT", 0, F3, 0, F3, "s", 0, NONE},
-    {"RT", 0, 0, F3, F3, "", 0, NONE},
-    {"RT", 0, 0, F3, F3, "c", 0, NONE},
-    {"RTLightmap", F3, 0, 0, F3, "", 0, NONE},
-    {"RTLightmap", F3, 0, 0, F3, "d", 0, NONE},
-    /* and those that there are not */
-    {"RT", F3, 0, 0, F3, "hs", 0, OPERATION},
-    {"RT", F3, F3, F3, F3, "hs", 0, OPERATION},
-    {"RT", 0, F3, 0, F3, "h", 0, OPERATION},
-    {"RT", 0, 0, F3, F3, "h", 0, OPERATION},
-    {"RT", 0, 0, F3, F3, "s", 0, OPERATION},
-    {"RT", 0, F3, F3, F3, "", 0, OPERATION},
-    {"RT", 0, F3, F3, F3, "h", 0, OPERATION},
-    {"RT", F3, 0, F3, F3, "", 0, OPERATION},
-    {"RT", F3, 0, F3, F3, "h", 0, OPERATION},
-    /* formats */
-    {"RT", F1, 0, 0, F1, "", 0, NONE},
-    {"RT", F2, 0, 0, F2, "h", 0, NONE},
-    {"RT", H3, 0, 0, F3, "", 0, NONE},
-    {"RT", F3, 0, 0, H3, "", 0, NONE},
-    {"RT", F1, 0, 0, H1, "", 0, NONE},
-    {"RT", F3, F1, H1, H3, "h", 0, NONE},
-    {"RT", F1, F3, F2, F1, "h", 0, NONE},
-    {"RT", F4, 0, 0, F4, "", 0, OPERATION},
-    {"RT", H4, 0, 0, H3, "", 0, OPERATION},
-    {"RT", F3, F4, 0, F3, "", 0, OPERATION},
-    {"RT", F3, F3, H4, F3, "", 0, OPERATION},
-    {"RT", F3, 0, 0, F4, "", 0, OPERATION},
-    {"RT", F3, 0, 0, F1, "", 0, OPERATION},
-    {"RT", F1, 0, 0, F3, "", 0, OPERATION},
-    {"RT", F1, F3, 0, F3, "", 0, OPERATION},
-    {"RT", 0, F1, 0, F3, "", 0, OPERATION},
-    {"RTLightmap", F1, 0, 0, F1, "", 0, NONE},
-    /* sizes */
-    {"RT", F3, 0, 0, F3, "", 'c', OPERATION},
-    {"RT", F3, F3, 0, F3, "", 'a', OPERATION},
-    {"RT", F3, F3, F3, F3, "h", 'n', OPERATION},
-};
-
-static void set_row_image(OIDNFilter filter, const commit_row *row, const char *name, int format, int index)
-{
-    if (format)
-        oidnSetSharedFilterImage(filter, name, pixels[index], (OIDNFormat)format, 7,
-                                 row->odd == name[0] ? 6 : 5, 0, 0, 0);
-}
-
-static void commit_rules(void)
-{
-    OIDNDevice device;
-    size_t i;
-
-    if (!has_builtin()) {
-        SKIP("there are no built-in weights");
-        return;
-    }
-    device = new_device();
-    for (i = 0; i < COUNT(commits); i++) {
-        const commit_row *row = &commits[i];
-        OIDNFilter filter = oidnNewFilter(device, row->type);
-        OIDNError error;
-
-        set_row_image(filter, row, "color", row->color, 0);
-        set_row_image(filter, row, "albedo", row->albedo, 1);
-        set_row_image(filter, row, "normal", row->normal, 2);
-        set_row_image(filter, row, "output", row->output, 3);
-        oidnSetFilterBool(filter, "hdr", strchr(row->flags, 'h') != NULL);
-        oidnSetFilterBool(filter, "srgb", strchr(row->flags, 's') != NULL);
-        oidnSetFilterBool(filter, "cleanAux", strchr(row->flags, 'c') != NULL);
-        oidnSetFilterBool(filter, "directional", strchr(row->flags, 'd') != NULL);
-        ERROR(device, NONE);
-        oidnCommitFilter(filter);
-        error = take_error(device);
-        if (!CHECK_EQ(error, row->error))
-            printf("  row %u\n", (unsigned)i);
-        oidnExecuteFilter(filter);
-        CHECK_EQ(take_error(device), row->error == NONE ? NONE : OPERATION);
-        if (row->error == NONE) {
-            CHECK_EQ(oidnGetFilterInt(filter, "tileAlignment"), 16);
-            CHECK(oidnGetFilterInt(filter, "tileOverlap") >= 96);
-        } else {
-            CHECK_EQ(oidnGetFilterInt(filter, "tileAlignment"), 1);
-            CHECK_EQ(oidnGetFilterInt(filter, "tileOverlap"), 0);
-        }
-        oidnReleaseFilter(filter);
-    }
-    oidnReleaseDevice(device);
-}
-
-/* Every accepted combination with built-in weights leaves a grey image about as it is. */
-static void builtin_outputs(void)
-{
-    enum { SIZE = 40 };
-    OIDNDevice device;
-    size_t i, k;
-
-    if (!has_builtin()) {
-        SKIP("there are no built-in weights");
-        return;
-    }
-    device = new_device();
-    for (i = 0; i < COUNT(commits); i++) {
-        static const char *const names[] = {"color", "albedo", "normal", "output"};
-        const int formats[] = {commits[i].color, commits[i].albedo, commits[i].normal, commits[i].output};
-        OIDNFilter filter;
-        float low = 9, high = -9;
-
-        if (commits[i].error != NONE || commits[i].output != F3)
-            continue;
-        filter = oidnNewFilter(device, commits[i].type);
-        for (k = 0; k < 3 * SIZE * SIZE; k++) {
-            pixels[0][k] = pixels[1][k] = 0.5f;
-            pixels[2][k] = 0.57735f;
-            pixels[3][k] = -1;
-        }
-        for (k = 0; k < 4; k++)
-            if (formats[k])
-                oidnSetSharedFilterImage(filter, names[k], pixels[k], F3, SIZE, SIZE, 0, 0, 0);
-        oidnSetFilterBool(filter, "hdr", strchr(commits[i].flags, 'h') != NULL);
-        oidnSetFilterBool(filter, "srgb", strchr(commits[i].flags, 's') != NULL);
-        oidnSetFilterBool(filter, "cleanAux", strchr(commits[i].flags, 'c') != NULL);
-        oidnSetFilterBool(filter, "directional", strchr(commits[i].flags, 'd') != NULL);
-        oidnCommitFilter(filter);
-        oidnExecuteFilter(filter);
-        ERROR(device, NONE);
-        for (k = 0; k < 3 * SIZE * SIZE; k++) {
-            low = pixels[3][k] < low ? pixels[3][k] : low;
-            high = pixels[3][k] > high ? pixels[3][k] : high;
-        }
-        if (!CHECK(low > 0.25f && high < 0.85f))
-            printf("  row %u: %g to %g\n", (unsigned)i, low, high);
-        oidnReleaseFilter(filter);
-    }
-    oidnReleaseDevice(device);
-}
-
-/* With weights of the caller the number of inputs decides. */
-static void commit_user_weights(void)
-{
-    static const struct {
-        int albedo, normal;
-        unsigned inputs;
-        OIDNError error;
-    } rows[] = {
-        {0, 0, 3, NONE}, {F3, 0, 6, NONE}, {F3, F3, 9, NONE}, {0, F3, 6, NONE},
-        {F3, 0, 3, UNKNOWN}, {F3, F3, 6, UNKNOWN}, {0, 0, 9, UNKNOWN},
-    };
-    OIDNDevice device = new_device();
-    size_t i;
-
-    for (i = 0; i < COUNT(rows); i++) {
-        OIDNFilter filter = oidnNewFilter(device, "RT");
-
-        oidnSetSharedFilterImage(filter, "color", pixels[0], F3, 5, 5, 0, 0, 0);
-        oidnSetSharedFilterImage(filter, "output", pixels[3], F3, 5, 5, 0, 0, 0);
-        if (rows[i].albedo)
-            oidnSetSharedFilterImage(filter, "albedo", pixels[1], F3, 5, 5, 0, 0, 0);
-        if (rows[i].normal)
-            oidnSetSharedFilterImage(filter, "normal", pixels[2], F3, 5, 5, 0, 0, 0);
-        use_identity(filter, rows[i].inputs);
-        oidnCommitFilter(filter);
-        if (!CHECK_EQ(take_error(device), rows[i].error))
-            printf("  row %u\n", (unsigned)i);
-        oidnReleaseFilter(filter);
-    }
-    oidnReleaseDevice(device);
-}
-
-/* A filter that failed to commit keeps failing to execute until it is repaired. */
-static void commit_repaired(void)
-{
-    OIDNDevice device = new_device();
-    OIDNFilter filter = new_identity(device, pixels[0], pixels[3], 5, 5);
-
-    CHECK_EQ(oidnGetFilterInt(filter, "tileAlignment"), 16);
-    CHECK_EQ(oidnGetFilterInt(filter, "tileOverlap"), 96);
-    CHECK_EQ(oidnGetFilterInt(filter, "overlap"), 96);
-    oidnSetSharedFilterImage(filter, "output", pixels[3], F3, 5, 6, 0, 0, 0);
-    oidnExecuteFilter(filter);
-    ERROR(device, OPERATION);
-    oidnCommitFilter(filter);
-    ERROR(device, OPERATION);
-    oidnExecuteFilter(filter);
-    ERROR(device, OPERATION);
-    oidnExecuteFilterAsync(filter);
-    ERROR(device, OPERATION);
-    oidnCommitFilter(filter);
-    ERROR(device, OPERATION);
-    oidnSetSharedFilterImage(filter, "color", pixels[0], F3, 5, 6, 0, 0, 0);
-    oidnCommitFilter(filter);
-    ERROR(device, NONE);
-    oidnExecuteFilter(filter);
-    ERROR(device, NONE);
-    oidnCommitFilter(filter); /* nothing changed */
-    oidnExecuteFilter(filter);
-    ERROR(device, NONE);
-    oidnReleaseFilter(filter);
-    oidnReleaseDevice(device);
-}
-
-/* ---- What makes a commit necessary -------------------------------------------------------------- */
-
-static bool ignore_progress(void *user, double n)
-{
-    (void)user;
-    return n >= 0;
-}
-
-static void change(OIDNFilter filter, int what)
-{
-    static char bytes[4];
-
-    switch (what) {
-    case 0: oidnSetFilterBool(filter, "hdr", false); break;
-    case 1: oidnSetFilterInt(filter, "quality", 6); break;
-    case 2: oidnSetFilterFloat(filter, "inputScale", 1); break;
-    case 3: oidnSetFilterInt(filter, "maxMemoryMB", -1); break;
-    case 4: oidnSetFilterBool(filter, "nonsense", true); break;
-    case 5: oidnSetFilterInt(filter, "nonsense", 1); break;
-    case 6: oidnSetFilterFloat(filter, "nonsense", 1); break;
-    case 7: oidnSetFilterFloat(filter, "hdr", 1); break;
-    case 8: oidnSetFilterInt(filter, "tileOverlap", 1); break;
-    case 9: oidnSetSharedFilterImage(filter, "color", pixels[0], F3, 5, 5, 0, 0, 0); break;
-    case 10: oidnSetSharedFilterImage(filter, "nonsense", pixels[0], F3, 5, 5, 0, 0, 0); break;
-    case 11: oidnUnsetFilterImage(filter, "albedo"); break;
-    case 12: oidnUnsetFilterImage(filter, "nonsense"); break;
-    case 13: oidnSetSharedFilterData(filter, "nonsense", bytes, 4); break;
-    case 14: oidnUpdateFilterData(filter, "nonsense"); break;
-    case 15: oidnUnsetFilterData(filter, "nonsense"); break;
-    case 16: oidnUpdateFilterData(filter, "weights"); break;
-    case 17: use_identity(filter, 3); break;
-    default: break;
-    }
-}
-
-static void what_dirties(void)
-{
-    OIDNDevice device = new_device();
-    OIDNFilter filter = new_identity(device, pixels[0], pixels[3], 5, 5);
-    int i;
-
-    for (i = 0; i < 18; i++) {
-        change(filter, i);
-        ERROR(device, NONE);
-        oidnExecuteFilter(filter);
-        if (!CHECK_EQ(take_error(device), OPERATION))
-            printf("  change %d\n", i);
-        oidnCommitFilter(filter);
-        ERROR(device, NONE);
-        oidnExecuteFilter(filter);
-        ERROR(device, NONE);
-    }
-    oidnSetFilterProgressMonitorFunction(filter, ignore_progress, NULL);
-    oidnExecuteFilter(filter);
-    ERROR(device, NONE);
-    oidnSetFilterProgressMonitorFunction(filter, NULL, NULL);
-    oidnExecuteFilter(filter);
-    ERROR(device, NONE);
-    CHECK_EQ(oidnGetFilterInt(filter, "quality"), 6); /* getting does not dirty, even in error */
-    oidnGetFilterInt(filter, "nonsense");
-    ERROR(device, ARGUMENT);
-    oidnSetFilterInt(filter, "quality", 77);
-    ERROR(device, ARGUMENT);
-    oidnSetSharedFilterImage(filter, "color", pixels[0], (OIDNFormat)99, 5, 5, 0, 0, 0);
-    ERROR(device, ARGUMENT);
-    oidnSetSharedFilterData(filter, "weights", NULL, 9);
-    ERROR(device, ARGUMENT);
-    oidnExecuteFilter(filter);
-    ERROR(device, NONE);
-    oidnReleaseFilter(filter);
-    oidnReleaseDevice(device);
-}
-
-/* ---- Weights ------------------------------------------------------------------------------------ */
+/* ---- Weights --------------------------------------------------------------------------------- */
 
 static void weights_data(void)
 {
@@ -655,10 +344,14 @@ static void weights_corrupted(void)
         int value;
         OIDNError error;
     } rows[] = {
-        {"good", 0, 0, -1, NONE},          {"magic", 0, 0, 0xd8, OPERATION},
-        {"major version", 2, 0, 3, OPERATION}, {"minor version", 3, 0, 9, NONE},
-        {"table offset", 11, 0, 0x7f, OPERATION}, {"table offset", 9, 0, 0x7f, OPERATION},
-        {"one byte", 0, 1, -1, OPERATION}, {"header only", 0, 12, -1, OPERATION},
+        {"good", 0, 0, -1, NONE},
+        {"magic", 0, 0, 0xd8, OPERATION},
+        {"major version", 2, 0, 3, OPERATION},
+        {"minor version", 3, 0, 9, NONE},
+        {"table offset", 11, 0, 0x7f, OPERATION},
+        {"table offset", 9, 0, 0x7f, OPERATION},
+        {"one byte", 0, 1, -1, OPERATION},
+        {"header only", 0, 12, -1, OPERATION},
         {"truncated", 0, 900, -1, OPERATION},
     };
     const weights good = identity(3);
@@ -707,7 +400,7 @@ static void weights_large(void)
     oidnReleaseDevice(device);
 }
 
-/* ---- Empty images ------------------------------------------------------------------------------- */
+/* ---- Empty images ---------------------------------------------------------------------------- */
 
 static bool fail_if_called(void *user, double n)
 {
@@ -717,7 +410,8 @@ static bool fail_if_called(void *user, double n)
 
 static void empty_images(void)
 {
-    static const size_t sizes[][2] = {{0, 0}, {0, 1}, {1, 0}, {0, 100}, {1, 1}, {1, 2}, {2, 1}, {17, 1}};
+    static const size_t sizes[][2] = {{0, 0}, {0, 1}, {1, 0}, {0, 100},
+                                      {1, 1}, {1, 2}, {2, 1}, {17, 1}};
     OIDNDevice device = new_device();
     OIDNBuffer nothing = oidnNewBuffer(device, 0);
     OIDNFilter empty = oidnNewFilter(device, "RT");
@@ -765,11 +459,6 @@ int main(int argc, char **argv)
     RUN(filter_quality);
     RUN(image_rules);
     RUN(shared_image_rules);
-    RUN(commit_rules);
-    RUN(builtin_outputs);
-    RUN(commit_user_weights);
-    RUN(commit_repaired);
-    RUN(what_dirties);
     RUN(weights_data);
     RUN(weights_corrupted);
     RUN(weights_large);

@@ -4,8 +4,9 @@
  *     test_fuzz_api --seconds 600   new seeds for that long
  *     test_fuzz_api --seed N        one of them
  *
- * Finds crashes, hangs, impossible error codes; under sanitizers also leaks, races and bad accesses. All
- * pixels of a device lie in memory of its own, which only its queue touches, so a reported race is ours. */
+ * Finds crashes, hangs, impossible error codes; under sanitizers also leaks, races and bad
+ * accesses. All pixels of a device lie in memory of its own, which only its queue touches, so a
+ * reported race is ours. */
 #if !defined(_GNU_SOURCE)
 #define _GNU_SOURCE
 #endif
@@ -22,8 +23,6 @@
 #include <pthread.h>
 #endif
 
-#define COUNT(array) (sizeof(array) / sizeof *(array))
-
 enum { DEVICES = 3, BUFFERS = 6, FILTERS = 6, ARENA = 1 << 18, CALLS = 250, SEEDS = 40 };
 
 /* Sanitizers: failing to allocate is no error. */
@@ -37,7 +36,7 @@ VISIBLE const char *__tsan_default_options(void);
 const char *__asan_default_options(void) { return "allocator_may_return_null=1"; }
 const char *__tsan_default_options(void) { return "allocator_may_return_null=1"; }
 
-/* ---- Randomness --------------------------------------------------------------------------------- */
+/* ---- Randomness ------------------------------------------------------------------------------ */
 
 typedef struct dice {
     uint64_t state;
@@ -55,7 +54,8 @@ static int chance(dice *d, unsigned percent) { return below(d, 100) < percent; }
 /* Mostly small numbers, sometimes ones at the edges. */
 static size_t size_value(dice *d)
 {
-    static const size_t edges[] = {0, 1, 16, 65536, 65537, INT32_MAX, UINT32_MAX, SIZE_MAX / 2, SIZE_MAX};
+    static const size_t edges[] = {0,         1,          16,           65536,   65537,
+                                   INT32_MAX, UINT32_MAX, SIZE_MAX / 2, SIZE_MAX};
 
     return chance(d, 6) ? edges[below(d, COUNT(edges))] : below(d, 40);
 }
@@ -70,9 +70,16 @@ static int int_value(dice *d)
 static const char *name_value(dice *d)
 {
     static const char *const names[] = {
-        "color", "color", "albedo", "normal", "output", "output", "hdr", "srgb", "cleanAux",
-        "directional", "inputScale", "quality", "maxMemoryMB", "weights", "tileOverlap", "hdrScale",
-        "verbos", "", NULL, "a name that is far longer than any parameter could ever have been called",
+        "color",       "color",
+        "albedo",      "normal",
+        "output",      "output",
+        "hdr",         "srgb",
+        "cleanAux",    "directional",
+        "inputScale",  "quality",
+        "maxMemoryMB", "weights",
+        "tileOverlap", "hdrScale",
+        "verbos",      "",
+        NULL,          "a name that is far longer than any parameter could ever have been called",
     };
 
     return names[below(d, COUNT(names))];
@@ -85,7 +92,7 @@ static OIDNFormat format_value(dice *d)
     return (OIDNFormat)formats[below(d, COUNT(formats))];
 }
 
-/* ---- Shared objects ----------------------------------------------------------------------------- */
+/* ---- Shared objects -------------------------------------------------------------------------- */
 
 static unsigned char arenas[DEVICES][ARENA];
 
@@ -193,7 +200,7 @@ static void put_filter(int i, OIDNFilter filter, int arena)
         oidnReleaseFilter(old);
 }
 
-/* ---- Operations --------------------------------------------------------------------------------- */
+/* ---- Operations ------------------------------------------------------------------------------ */
 
 static void make_device(dice *d)
 {
@@ -228,17 +235,30 @@ static void device_call(dice *d)
     const char *text;
 
     switch (below(d, 8)) {
-    case 0: oidnSyncDevice(device); break;
-    case 1: oidnGetDeviceInt(device, chance(d, 50) ? "numThreads" : name_value(d)); break;
-    case 2: oidnGetDeviceBool(device, name_value(d)); break;
+    case 0:
+        oidnSyncDevice(device);
+        break;
+    case 1:
+        oidnGetDeviceInt(device, chance(d, 50) ? "numThreads" : name_value(d));
+        break;
+    case 2:
+        oidnGetDeviceBool(device, name_value(d));
+        break;
     case 3:
         if (chance(d, 3)) /* closes the device */
             oidnSetDeviceInt(device, name_value(d), 0);
         break;
-    case 4: oidnCommitDevice(device); break;
-    case 5: oidnSetDeviceErrorFunction(device, NULL, NULL); break;
-    case 6: oidnNewSharedSemaphoreFromFD(device, roll(d), int_value(d)); break;
-    default: break;
+    case 4:
+        oidnCommitDevice(device);
+        break;
+    case 5:
+        oidnSetDeviceErrorFunction(device, NULL, NULL);
+        break;
+    case 6:
+        oidnNewSharedSemaphoreFromFD(device, roll(d), int_value(d));
+        break;
+    default:
+        break;
     }
     if (oidnGetDeviceError(device, &text) > OIDN_ERROR_CANCELLED)
         abort();
@@ -254,10 +274,18 @@ static void make_buffer(dice *d)
     const size_t size = size_value(d) * 100;
 
     switch (below(d, 4)) {
-    case 0: buffer = oidnNewBuffer(device, size); break;
-    case 1: buffer = oidnNewBufferWithStorage(device, size, (OIDNStorage)int_value(d)); break;
-    case 2: buffer = oidnNewSharedBuffer(device, chance(d, 95) ? arenas[arena] : NULL, ARENA); break;
-    default: buffer = oidnNewSharedBufferFromFD(device, roll(d), 0, size); break;
+    case 0:
+        buffer = oidnNewBuffer(device, size);
+        break;
+    case 1:
+        buffer = oidnNewBufferWithStorage(device, size, (OIDNStorage)int_value(d));
+        break;
+    case 2:
+        buffer = oidnNewSharedBuffer(device, chance(d, 95) ? arenas[arena] : NULL, ARENA);
+        break;
+    default:
+        buffer = oidnNewSharedBufferFromFD(device, roll(d), 0, size);
+        break;
     }
     if (buffer)
         put_buffer((int)below(d, BUFFERS), buffer, arena);
@@ -270,16 +298,31 @@ static void buffer_call(dice *d)
     int arena = 0;
     OIDNBuffer buffer = get_buffer(d, &arena);
     const size_t offset = size_value(d), size = size_value(d) * 10;
-    unsigned char *host = chance(d, 95) && size < ARENA / 2 ? arenas[arena] + below(d, ARENA / 2) : NULL;
+    unsigned char *host =
+        chance(d, 95) && size < ARENA / 2 ? arenas[arena] + below(d, ARENA / 2) : NULL;
 
     switch (below(d, 7)) {
-    case 0: oidnReadBuffer(buffer, offset, size, host); break;
-    case 1: oidnReadBufferAsync(buffer, offset, size, host); break;
-    case 2: oidnGetBufferSize(buffer); break;
-    case 3: oidnGetBufferData(buffer); break;
-    case 4: oidnGetBufferStorage(buffer); break;
-    case 5: put_buffer((int)below(d, BUFFERS), NULL, 0); break;
-    default: oidnMapBuffer(buffer, (OIDNAccess)int_value(d), offset, size); break;
+    case 0:
+        oidnReadBuffer(buffer, offset, size, host);
+        break;
+    case 1:
+        oidnReadBufferAsync(buffer, offset, size, host);
+        break;
+    case 2:
+        oidnGetBufferSize(buffer);
+        break;
+    case 3:
+        oidnGetBufferData(buffer);
+        break;
+    case 4:
+        oidnGetBufferStorage(buffer);
+        break;
+    case 5:
+        put_buffer((int)below(d, BUFFERS), NULL, 0);
+        break;
+    default:
+        oidnMapBuffer(buffer, (OIDNAccess)int_value(d), offset, size);
+        break;
     }
     if (buffer)
         oidnReleaseBuffer(buffer);
@@ -287,7 +330,8 @@ static void buffer_call(dice *d)
 
 static void make_filter(dice *d)
 {
-    static const char *const types[] = {"RT", "RT", "RT", "RT", "RTLightmap", "RTLightmap", "", "rt", NULL};
+    static const char *const types[] = {"RT",         "RT", "RT", "RT", "RTLightmap",
+                                        "RTLightmap", "",   "rt", NULL};
     int arena;
     OIDNDevice device = get_device(d, &arena);
     OIDNFilter filter = oidnNewFilter(device, types[below(d, COUNT(types))]);
@@ -301,8 +345,10 @@ static void make_filter(dice *d)
 /* An image somewhere in the arena; with wild values only through a buffer, which checks them. */
 static void set_image(dice *d, OIDNFilter filter, int arena)
 {
-    const size_t width = chance(d, 80) ? 24 : size_value(d), height = chance(d, 80) ? 20 : size_value(d);
-    const size_t pixel = chance(d, 70) ? 0 : size_value(d), row = chance(d, 80) ? 0 : size_value(d) * 60;
+    const size_t width = chance(d, 80) ? 24 : size_value(d),
+                 height = chance(d, 80) ? 20 : size_value(d);
+    const size_t pixel = chance(d, 70) ? 0 : size_value(d),
+                 row = chance(d, 80) ? 0 : size_value(d) * 60;
     const size_t offset = chance(d, 80) ? below(d, 20) * 1000 : size_value(d);
     int other = arena;
     OIDNBuffer buffer;
@@ -313,7 +359,8 @@ static void set_image(dice *d, OIDNFilter filter, int arena)
         return;
     }
     buffer = get_buffer(d, &other);
-    oidnSetFilterImage(filter, name_value(d), buffer, format_value(d), width, height, offset, pixel, row);
+    oidnSetFilterImage(filter, name_value(d), buffer, format_value(d), width, height, offset, pixel,
+                       row);
     if (buffer)
         oidnReleaseBuffer(buffer);
 }
@@ -327,8 +374,8 @@ static void set_usual(dice *d, OIDNFilter filter, int arena)
 
     for (i = 0; i < 4; i++)
         if (i < inputs || i == 3)
-            oidnSetSharedFilterImage(filter, names[i], arenas[arena], OIDN_FORMAT_FLOAT3, 20, height,
-                                     below(d, 20) * 1200, 0, 0);
+            oidnSetSharedFilterImage(filter, names[i], arenas[arena], OIDN_FORMAT_FLOAT3, 20,
+                                     height, below(d, 20) * 1200, 0, 0);
         else
             oidnUnsetFilterImage(filter, names[i]);
     oidnSetFilterBool(filter, "srgb", false);
@@ -353,16 +400,31 @@ static void set_value(dice *d, OIDNFilter filter)
     weights w;
 
     switch (below(d, 9)) {
-    case 0: oidnSetFilterBool(filter, name, chance(d, 50)); break;
-    case 1: oidnSetFilterInt(filter, name, int_value(d)); break;
-    case 2: oidnSetFilterFloat(filter, name, (float)int_value(d)); break;
-    case 3: oidnUnsetFilterImage(filter, name); break;
-    case 4: oidnUnsetFilterData(filter, name); break;
-    case 5: oidnUpdateFilterData(filter, name); break;
-    case 6: oidnSetSharedFilterData(filter, name, garbage, sizeof garbage); break;
+    case 0:
+        oidnSetFilterBool(filter, name, chance(d, 50));
+        break;
+    case 1:
+        oidnSetFilterInt(filter, name, int_value(d));
+        break;
+    case 2:
+        oidnSetFilterFloat(filter, name, (float)int_value(d));
+        break;
+    case 3:
+        oidnUnsetFilterImage(filter, name);
+        break;
+    case 4:
+        oidnUnsetFilterData(filter, name);
+        break;
+    case 5:
+        oidnUpdateFilterData(filter, name);
+        break;
+    case 6:
+        oidnSetSharedFilterData(filter, name, garbage, sizeof garbage);
+        break;
     case 7:
         w = identity(3 * (1 + below(d, 3)));
-        oidnSetSharedFilterData(filter, "weights", w.data, chance(d, 80) ? w.bytes : below(d, 5000));
+        oidnSetSharedFilterData(filter, "weights", w.data,
+                                chance(d, 80) ? w.bytes : below(d, 5000));
         break;
     default:
         oidnSetFilterProgressMonitorFunction(filter, chance(d, 30) ? NULL : progress,
@@ -377,21 +439,42 @@ static void filter_call(dice *d)
     OIDNFilter filter = get_filter(d, &arena);
 
     switch (below(d, 12)) {
-    case 0: set_image(d, filter, arena); break;
-    case 1: set_image(d, filter, arena); break;
-    case 2: set_usual(d, filter, arena); break;
-    case 3: set_usual(d, filter, arena); break;
-    case 4: set_value(d, filter); break;
-    case 5: set_value(d, filter); break;
-    case 6: oidnGetFilterInt(filter, name_value(d)); break;
-    case 7: oidnGetFilterFloat(filter, name_value(d)); break;
-    case 8: oidnExecuteFilter(filter); break;
-    case 9: oidnExecuteFilterAsync(filter); break;
+    case 0:
+        set_image(d, filter, arena);
+        break;
+    case 1:
+        set_image(d, filter, arena);
+        break;
+    case 2:
+        set_usual(d, filter, arena);
+        break;
+    case 3:
+        set_usual(d, filter, arena);
+        break;
+    case 4:
+        set_value(d, filter);
+        break;
+    case 5:
+        set_value(d, filter);
+        break;
+    case 6:
+        oidnGetFilterInt(filter, name_value(d));
+        break;
+    case 7:
+        oidnGetFilterFloat(filter, name_value(d));
+        break;
+    case 8:
+        oidnExecuteFilter(filter);
+        break;
+    case 9:
+        oidnExecuteFilterAsync(filter);
+        break;
     case 10:
         if (chance(d, 20))
             put_filter((int)below(d, FILTERS), NULL, 0);
         break;
-    default: break;
+    default:
+        break;
     }
     if (chance(d, 50))
         oidnCommitFilter(filter);
@@ -408,19 +491,17 @@ typedef struct player {
 
 static void *play(void *user)
 {
+    static void (*const calls[])(dice *) = {
+        make_device, make_buffer, make_filter, make_filter, device_call,
+        buffer_call, buffer_call, filter_call, filter_call, filter_call,
+    };
     player *p = user;
 
-    for (; p->calls; p->calls--)
-        switch (below(&p->d, 20)) {
-        case 0: make_device(&p->d); break;
-        case 1: make_buffer(&p->d); break;
-        case 2: make_filter(&p->d); break;
-        case 3: make_filter(&p->d); break;
-        case 4: device_call(&p->d); break;
-        case 5: buffer_call(&p->d); break;
-        case 6: buffer_call(&p->d); break;
-        default: filter_call(&p->d); break;
-        }
+    for (; p->calls; p->calls--) {
+        const unsigned i = below(&p->d, 2 * COUNT(calls));
+
+        (i < COUNT(calls) ? calls[i] : filter_call)(&p->d);
+    }
     return NULL;
 }
 

@@ -1,6 +1,6 @@
 #!/bin/sh
-# make install into an empty place, then programs that find the library as strangers do: by CMake, by
-# pkg-config (shared and static), as a meson subproject, and from a tree that was moved.
+# make install into an empty place, then programs that find the library as strangers do: by
+# pkg-config (shared and static), by CMake in a tree that was moved, as a meson subproject.
 set -eu
 root=${LULL_ROOT:-$(cd "$(dirname "$0")/../.." && pwd)}
 build=${LULL_BUILD:-$root/build}
@@ -61,9 +61,9 @@ for file in include/lull.h include/OpenImageDenoise/oidn.h include/OpenImageDeno
     lib/pkgconfig/lull.pc lib/pkgconfig/OpenImageDenoise.pc; do
     if [ -e "$tree/$file" ]; then ok; else bad "installed: $file"; fi
 done
-if grep -rq '@[A-Z_]*@' "$tree/lib/pkgconfig" "$tree/lib/cmake"; then bad "placeholders left"; else ok; fi
+if grep -rq '@[A-Z_]*@' "$tree/lib/pkgconfig" "$tree/lib/cmake"; then bad placeholders; else ok; fi
 
-# ---- pkg-config -------------------------------------------------------------------------------------
+# ---- pkg-config --------------------------------------------------------------------------------
 if command -v pkg-config >/dev/null 2>&1; then
     export PKG_CONFIG_PATH="$tree/lib/pkgconfig"
     export PKG_CONFIG_SYSROOT_DIR="$work/stage"
@@ -80,13 +80,14 @@ if command -v pkg-config >/dev/null 2>&1; then
         OpenImageDenoise) "$tree/lib/libOpenImageDenoise.a" -pthread
     try "pkg-config: static runs" "$work/static"
     # shellcheck disable=SC2046
-    try "pkg-config: lull" $CC -std=c99 "$work/native.c" -o "$work/native" $(pkg-config --cflags --libs lull)
+    try "pkg-config: lull" $CC -std=c99 "$work/native.c" -o "$work/native" \
+        $(pkg-config --cflags --libs lull)
     try "pkg-config: lull runs" "$work/native"
 else
     skip pkg-config "pkg-config is not installed"
 fi
 
-# ---- CMake ------------------------------------------------------------------------------------------
+# ---- CMake -------------------------------------------------------------------------------------
 if command -v cmake >/dev/null 2>&1; then
     mkdir "$work/cmake"
     cat >"$work/cmake/CMakeLists.txt" <<'END'
@@ -111,7 +112,8 @@ add_executable(static ../main.c)
 target_link_libraries(static OpenImageDenoise_static)
 END
     mv "$tree" "$work/moved" # the package is found wherever the tree lies
-    try "cmake: configures" cmake -S "$work/cmake" -B "$work/cmake/build" -DCMAKE_PREFIX_PATH="$work/moved"
+    try "cmake: configures" cmake -S "$work/cmake" -B "$work/cmake/build" \
+        -DCMAKE_PREFIX_PATH="$work/moved"
     try "cmake: builds" cmake --build "$work/cmake/build"
     try "cmake: shared runs" "$work/cmake/build/shared"
     try "cmake: static runs" "$work/cmake/build/static"
@@ -120,8 +122,8 @@ else
     skip cmake "optional: cmake is not installed"
 fi
 
-# ---- meson subproject -------------------------------------------------------------------------------
-if command -v meson >/dev/null 2>&1 && command -v ninja >/dev/null 2>&1 && [ -f "$root/meson.build" ]; then
+# ---- meson subproject --------------------------------------------------------------------------
+if command -v meson >/dev/null 2>&1 && command -v ninja >/dev/null 2>&1; then
     mkdir -p "$work/meson/subprojects"
     ln -s "$root" "$work/meson/subprojects/lull"
     cp "$work/main.c" "$work/meson/"

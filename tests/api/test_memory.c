@@ -9,9 +9,7 @@
 #define LULL_WITH_THREADS 1
 #endif
 
-#define F3 OIDN_FORMAT_FLOAT3
-
-/* ---- Wrapped functions -------------------------------------------------------------------------- */
+/* ---- Wrapped functions ----------------------------------------------------------------------- */
 
 void *__real_malloc(size_t size);
 void __real_free(void *block);
@@ -20,7 +18,10 @@ void __wrap_free(void *block);
 
 static unsigned allocations, live, fail_at; /* fail_at: number of the allocation to fail, 0 none */
 
-static unsigned bump(unsigned *counter, unsigned by) { return __atomic_add_fetch(counter, by, __ATOMIC_SEQ_CST); }
+static unsigned bump(unsigned *counter, unsigned by)
+{
+    return __atomic_add_fetch(counter, by, __ATOMIC_SEQ_CST);
+}
 
 void *__wrap_malloc(size_t size)
 {
@@ -44,14 +45,18 @@ void __wrap_free(void *block)
 #if LULL_WITH_THREADS
 #include <pthread.h>
 
-int __real_pthread_create(pthread_t *thread, const pthread_attr_t *attr, void *(*run)(void *), void *arg);
-int __wrap_pthread_create(pthread_t *thread, const pthread_attr_t *attr, void *(*run)(void *), void *arg);
+int __real_pthread_create(pthread_t *thread, const pthread_attr_t *attr, void *(*run)(void *),
+                          void *arg);
+int __wrap_pthread_create(pthread_t *thread, const pthread_attr_t *attr, void *(*run)(void *),
+                          void *arg);
 
 static unsigned threads, fail_thread;
 
-int __wrap_pthread_create(pthread_t *thread, const pthread_attr_t *attr, void *(*run)(void *), void *arg)
+int __wrap_pthread_create(pthread_t *thread, const pthread_attr_t *attr, void *(*run)(void *),
+                          void *arg)
 {
-    return bump(&threads, 1) == fail_thread ? EAGAIN : __real_pthread_create(thread, attr, run, arg);
+    return bump(&threads, 1) == fail_thread ? EAGAIN
+                                            : __real_pthread_create(thread, attr, run, arg);
 }
 #endif
 
@@ -61,7 +66,7 @@ static void start_counting(unsigned fail)
     fail_at = fail;
 }
 
-/* ---- A session with everything in it ------------------------------------------------------------ */
+/* ---- A session with everything in it --------------------------------------------------------- */
 
 enum { W = 20, H = 18 };
 
@@ -117,7 +122,8 @@ static int run_session(void)
         oidnSetSharedFilterImage(filter, "output", out, F3, W, H, 0, 0, 0);
         oidnSetSharedFilterData(filter, "weights", data3, bytes3);
         oidnCommitFilter(filter);
-        oidnSetSharedFilterImage(filter, "output", in + 3, F3, W, H - 1, 0, 0, 0); /* needs a copy */
+        oidnSetSharedFilterImage(filter, "output", in + 3, F3, W, H - 1, 0, 0, 0); /* needs a copy
+                                                                                    */
         oidnSetFilterImage(filter, "color", shared, F3, W, H - 1, 0, 0, 0);
         oidnCommitFilter(filter);
         oidnSetSharedFilterImage(filter, "output", out, F3, W, H, 0, 0, 0);
@@ -162,7 +168,8 @@ static void every_allocation_fails(void)
         start_counting(n);
         out_of_memory = other_errors = 0;
         ok = run_session();
-        if (!CHECK_EQ(live, before) || !CHECK(out_of_memory > 0 || ok)) /* told, unless done without */
+        if (!CHECK_EQ(live, before) || !CHECK(out_of_memory > 0 || ok)) /* told, unless done without
+                                                                         */
             printf("  allocation %u of %u\n", n, total);
         CHECK_EQ(other_errors, 0);
     }
@@ -184,7 +191,7 @@ static void error_without_memory(void)
     oidnReleaseDevice(device);
 }
 
-/* ---- Executions --------------------------------------------------------------------------------- */
+/* ---- Executions ------------------------------------------------------------------------------ */
 
 static void executions_allocate_nothing(void)
 {
@@ -213,7 +220,8 @@ static void executions_allocate_nothing(void)
 static void failed_commit_spares_others(void)
 {
     OIDNDevice device = new_device();
-    OIDNFilter good = new_identity(device, in, out, W, H), bad = new_identity(device, in, out, W, H);
+    OIDNFilter good = new_identity(device, in, out, W, H),
+               bad = new_identity(device, in, out, W, H);
     unsigned n;
 
     for (n = 1; n < 4; n++) {
@@ -236,7 +244,7 @@ static void failed_commit_spares_others(void)
     oidnReleaseDevice(device);
 }
 
-/* ---- Threads ------------------------------------------------------------------------------------ */
+/* ---- Threads --------------------------------------------------------------------------------- */
 
 #if LULL_WITH_THREADS
 

@@ -56,7 +56,7 @@
 #define OIDN_NAMESPACE_END } OIDN_API_NAMESPACE_END
 #define OIDN_NAMESPACE_USING using namespace OIDN_NAMESPACE;
 
-/* Linkage of an exported function. OpenImageDenoise_EXPORTS is defined while the library is built. */
+/* Linkage of an exported function. The build of the library defines OpenImageDenoise_EXPORTS. */
 #if defined(OIDN_STATIC_LIB) || !(defined(_WIN32) || defined(__GNUC__))
 #define OIDN_API_IMPORT OIDN_API_EXTERN_C
 #define OIDN_API_EXPORT OIDN_API_EXTERN_C

@@ -1,7 +1,7 @@
 /* OIDN_API_NAMESPACE=ns: every function of the interface gets the linker name ns_<name>, and in C++
- * everything is declared inside `namespace ns`. Two copies of the library can then live in one program.
- * The library itself must be built with the same definition. Callers keep writing oidnNewDevice, or
- * ns::oidnNewDevice: the names below are macros for the prefixed ones. */
+ * everything is declared inside `namespace ns`. Two copies of the library can then live in one
+ * program. The library itself must be built with the same definition. Callers go on writing
+ * oidnNewDevice, or ns::oidnNewDevice: the names below are macros for the prefixed ones. */
 #ifndef OIDN_NAMESPACE_H
 #define OIDN_NAMESPACE_H
 

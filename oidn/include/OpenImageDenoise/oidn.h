@@ -2,14 +2,15 @@
  *
  * Programs written for Open Image Denoise compile against this header and run with either library.
  * Order of use: create a device, set its parameters, commit it; create a filter, set images and
- * parameters, commit it, execute it as often as wanted; ask the device for errors; release everything
- * in any order. Handles are reference counted and start at one.
+ * parameters, commit it, execute it as often as wanted; ask the device for errors; release
+ * everything in any order. Handles are reference counted and start at one.
  *
- * Errors: a function that fails does nothing, returns 0, false or NULL, and leaves an error to be read
- * with oidnGetDeviceError by the same thread. Without a device (NULL handle, failed creation, physical
- * devices) the error is read with oidnGetDeviceError(NULL, ...).
+ * Errors: a function that fails does nothing, returns 0, false or NULL, and leaves an error to be
+ * read with oidnGetDeviceError by the same thread. Without a device (NULL handle, failed creation,
+ * physical devices) the error is read with oidnGetDeviceError(NULL, ...).
  *
- * Threads: every function may be called by any thread. Calls on objects of one device are serialised.
+ * Threads: every function may be called by any thread. Calls on objects of one device are
+ * serialised.
  */
 #ifndef OIDN_H
 #define OIDN_H
@@ -27,7 +28,12 @@
 #elif defined(SYCL_FEATURE_SET_FULL) || defined(SYCL_FEATURE_SET_REDUCED)
 #define OIDN_SYCL_HPP
 #else
-namespace sycl { class device; class queue; class event; }
+namespace sycl
+{
+class device;
+class queue;
+class event;
+} // namespace sycl
 #endif
 #endif
 
@@ -49,7 +55,7 @@ typedef void *MTLBuffer_id;
 
 OIDN_API_NAMESPACE_BEGIN
 
-/* ---- Types -------------------------------------------------------------------------------------- */
+/* ---- Types ----------------------------------------------------------------------------------- */
 
 typedef struct OIDNDeviceImpl *OIDNDevice;
 typedef struct OIDNBufferImpl *OIDNBuffer;
@@ -138,15 +144,17 @@ typedef enum {
     OIDN_QUALITY_HIGH = 6
 } OIDNQuality;
 
-/* Told of every error of a device, on the thread that caused it, after the call's lock is released. */
+/* Told of every error of a device, on the thread that caused it, after the call's lock is released.
+ */
 typedef void (*OIDNErrorFunction)(void *userPtr, OIDNError code, const char *message);
 
-/* Told the fraction done, n in [0, 1]: 0 first, never decreasing, 1 last. Returns false to cancel; it is
- * not called again then. Runs on a thread of the device. It may set and get parameters, but calls that
- * would wait for the work it belongs to (commit, execute, sync) fail with INVALID_OPERATION. */
+/* Told the fraction done, n in [0, 1]: 0 first, never decreasing, 1 last. Returns false to cancel;
+ * it is not called again then. Runs on a thread of the device. It may set and get parameters, but
+ * calls that would wait for the work it belongs to (commit, execute, sync) fail with
+ * INVALID_OPERATION. */
 typedef bool (*OIDNProgressMonitorFunction)(void *userPtr, double n);
 
-/* ---- Physical devices --------------------------------------------------------------------------- */
+/* ---- Physical devices ------------------------------------------------------------------------ */
 
 #define OIDN_UUID_SIZE 16u
 #define OIDN_LUID_SIZE 8u
@@ -164,7 +172,7 @@ OIDN_API const char *oidnGetPhysicalDeviceString(int physicalDeviceID, const cha
 OIDN_API const void *oidnGetPhysicalDeviceData(int physicalDeviceID, const char *name,
                                                size_t *byteSize);
 
-/* ---- Devices ------------------------------------------------------------------------------------ */
+/* ---- Devices --------------------------------------------------------------------------------- */
 
 OIDN_API bool oidnIsCPUDeviceSupported(void);
 #if defined(__cplusplus)
@@ -183,8 +191,10 @@ OIDN_API OIDNDevice oidnNewDeviceByPCIAddress(int pciDomain, int pciBus, int pci
 #if defined(__cplusplus)
 OIDN_API OIDNDevice oidnNewSYCLDevice(const sycl::queue *queues, int numQueues);
 #endif
-OIDN_API OIDNDevice oidnNewCUDADevice(const int *deviceIDs, const cudaStream_t *streams, int numPairs);
-OIDN_API OIDNDevice oidnNewHIPDevice(const int *deviceIDs, const hipStream_t *streams, int numPairs);
+OIDN_API OIDNDevice oidnNewCUDADevice(const int *deviceIDs, const cudaStream_t *streams,
+                                      int numPairs);
+OIDN_API OIDNDevice oidnNewHIPDevice(const int *deviceIDs, const hipStream_t *streams,
+                                     int numPairs);
 OIDN_API OIDNDevice oidnNewMetalDevice(const MTLCommandQueue_id *commandQueues, int numQueues);
 
 OIDN_API void oidnRetainDevice(OIDNDevice device);
@@ -192,8 +202,8 @@ OIDN_API void oidnReleaseDevice(OIDNDevice device);
 
 /* Parameters to set before the commit: verbose (0 to 4), numThreads (0: one per core), setAffinity.
  * To get: these, type, version, versionMajor, versionMinor, versionPatch, systemMemorySupported,
- * managedMemorySupported, externalMemoryTypes, externalSemaphoreTypes. Setting after the commit makes the
- * device unusable for new objects. */
+ * managedMemorySupported, externalMemoryTypes, externalSemaphoreTypes. Setting after the commit
+ * makes the device unusable for new objects. */
 OIDN_API void oidnSetDeviceBool(OIDNDevice device, const char *name, bool value);
 OIDN_API void oidnSetDeviceInt(OIDNDevice device, const char *name, int value);
 OIDN_INLINE void oidnSetDeviceUInt(OIDNDevice device, const char *name, unsigned int value)
@@ -205,8 +215,8 @@ OIDN_INLINE unsigned int oidnGetDeviceUInt(OIDNDevice device, const char *name)
 
 OIDN_API void oidnSetDeviceErrorFunction(OIDNDevice device, OIDNErrorFunction func, void *userPtr);
 
-/* Returns and clears the first error since the last call, of this thread on this device (NULL: of no
- * device). *outMessage becomes NULL, or a text valid until this thread's next error there. */
+/* Returns and clears the first error since the last call, of this thread on this device (NULL: of
+ * no device). *outMessage becomes NULL, or a text valid until this thread's next error there. */
 OIDN_API OIDNError oidnGetDeviceError(OIDNDevice device, const char **outMessage);
 
 /* Applies the parameters and starts the threads. Once per device. */
@@ -215,10 +225,11 @@ OIDN_API void oidnCommitDevice(OIDNDevice device);
 /* Waits for all asynchronous work and reports its error. */
 OIDN_API void oidnSyncDevice(OIDNDevice device);
 
-/* ---- Buffers ------------------------------------------------------------------------------------ */
+/* ---- Buffers --------------------------------------------------------------------------------- */
 
 OIDN_API OIDNBuffer oidnNewBuffer(OIDNDevice device, size_t byteSize);
-OIDN_API OIDNBuffer oidnNewBufferWithStorage(OIDNDevice device, size_t byteSize, OIDNStorage storage);
+OIDN_API OIDNBuffer oidnNewBufferWithStorage(OIDNDevice device, size_t byteSize,
+                                             OIDNStorage storage);
 
 /* A buffer over memory of the caller, who keeps it alive. */
 OIDN_API OIDNBuffer oidnNewSharedBuffer(OIDNDevice device, void *devPtr, size_t byteSize);
@@ -234,9 +245,10 @@ OIDN_API size_t oidnGetBufferSize(OIDNBuffer buffer);
 OIDN_API OIDNStorage oidnGetBufferStorage(OIDNBuffer buffer);
 OIDN_API void *oidnGetBufferData(OIDNBuffer buffer); /* NULL for an empty buffer */
 
-/* Copies between a buffer and other memory, after all earlier work of the device. The Async variants
- * return at once; both memories must stay valid until oidnSyncDevice. */
-OIDN_API void oidnReadBuffer(OIDNBuffer buffer, size_t byteOffset, size_t byteSize, void *dstHostPtr);
+/* Copies between a buffer and other memory, after all earlier work of the device. The Async
+ * variants return at once; both memories must stay valid until oidnSyncDevice. */
+OIDN_API void oidnReadBuffer(OIDNBuffer buffer, size_t byteOffset, size_t byteSize,
+                             void *dstHostPtr);
 OIDN_API void oidnReadBufferAsync(OIDNBuffer buffer, size_t byteOffset, size_t byteSize,
                                   void *dstHostPtr);
 OIDN_API void oidnWriteBuffer(OIDNBuffer buffer, size_t byteOffset, size_t byteSize,
@@ -247,10 +259,10 @@ OIDN_API void oidnWriteBufferAsync(OIDNBuffer buffer, size_t byteOffset, size_t 
 OIDN_API void oidnRetainBuffer(OIDNBuffer buffer);
 OIDN_API void oidnReleaseBuffer(OIDNBuffer buffer);
 
-/* ---- Semaphores --------------------------------------------------------------------------------- */
+/* ---- Semaphores ------------------------------------------------------------------------------ */
 
-/* Imported from graphics interfaces by GPU devices. The CPU device supports no type of them (parameter
- * externalSemaphoreTypes is 0), so every import fails with INVALID_ARGUMENT. */
+/* Imported from graphics interfaces by GPU devices. The CPU device supports no type of them
+ * (parameter externalSemaphoreTypes is 0), so every import fails with INVALID_ARGUMENT. */
 OIDN_API OIDNSemaphore oidnNewSharedSemaphoreFromFD(OIDNDevice device,
                                                     OIDNExternalSemaphoreTypeFlags fdType, int fd);
 OIDN_API OIDNSemaphore oidnNewSharedSemaphoreFromWin32Handle(
@@ -263,7 +275,7 @@ OIDN_API void oidnWaitSemaphoresAsync(OIDNDevice device, const OIDNSemaphore *se
 OIDN_API void oidnRetainSemaphore(OIDNSemaphore semaphore);
 OIDN_API void oidnReleaseSemaphore(OIDNSemaphore semaphore);
 
-/* ---- Filters ------------------------------------------------------------------------------------ */
+/* ---- Filters --------------------------------------------------------------------------------- */
 
 /* Types: "RT" (renders) and "RTLightmap" (light maps). */
 OIDN_API OIDNFilter oidnNewFilter(OIDNDevice device, const char *type);
@@ -287,8 +299,8 @@ OIDN_API void oidnSetSharedFilterData(OIDNFilter filter, const char *name, void 
 OIDN_API void oidnUpdateFilterData(OIDNFilter filter, const char *name);
 OIDN_API void oidnUnsetFilterData(OIDNFilter filter, const char *name);
 
-/* RT: hdr, srgb, cleanAux. RTLightmap: directional. Both: inputScale, quality, maxMemoryMB; to get only:
- * tileAlignment, tileOverlap. */
+/* RT: hdr, srgb, cleanAux. RTLightmap: directional. Both: inputScale, quality, maxMemoryMB; to get
+ * only: tileAlignment, tileOverlap. */
 OIDN_API void oidnSetFilterBool(OIDNFilter filter, const char *name, bool value);
 OIDN_API bool oidnGetFilterBool(OIDNFilter filter, const char *name);
 OIDN_API void oidnSetFilterInt(OIDNFilter filter, const char *name, int value);
@@ -296,8 +308,8 @@ OIDN_API int oidnGetFilterInt(OIDNFilter filter, const char *name);
 OIDN_API void oidnSetFilterFloat(OIDNFilter filter, const char *name, float value);
 OIDN_API float oidnGetFilterFloat(OIDNFilter filter, const char *name);
 
-OIDN_API void oidnSetFilterProgressMonitorFunction(OIDNFilter filter, OIDNProgressMonitorFunction func,
-                                                   void *userPtr);
+OIDN_API void oidnSetFilterProgressMonitorFunction(OIDNFilter filter,
+                                                   OIDNProgressMonitorFunction func, void *userPtr);
 
 /* Checks the parameters, and allocates and prepares everything for execution. */
 OIDN_API void oidnCommitFilter(OIDNFilter filter);
@@ -308,7 +320,7 @@ OIDN_API void oidnExecuteSYCLFilterAsync(OIDNFilter filter, const sycl::event *d
                                          int numDepEvents, sycl::event *doneEvent);
 #endif
 
-/* ---- Deprecated names --------------------------------------------------------------------------- */
+/* ---- Deprecated names ------------------------------------------------------------------------ */
 
 OIDN_DEPRECATED("use oidnSetDeviceBool")
 OIDN_INLINE void oidnSetDevice1b(OIDNDevice device, const char *name, bool value)
@@ -347,8 +359,8 @@ OIDN_DEPRECATED("use oidnUnsetFilterData")
 OIDN_INLINE void oidnRemoveFilterData(OIDNFilter filter, const char *name)
     OIDN_INLINE_BODY(oidnUnsetFilterData(filter, name);)
 
-/* The mapping functions of the 0.8 and 1.x interface, which 2.x removed. lull always exports them; they
- * are declared if OIDN_LEGACY_1X is defined before this file is included. */
+/* The mapping functions of the 0.8 and 1.x interface, which 2.x removed. lull always exports them;
+ * they are declared if OIDN_LEGACY_1X is defined before this file is included. */
 #if defined(OIDN_LEGACY_1X)
 typedef enum {
     OIDN_ACCESS_READ = 0,
@@ -357,9 +369,10 @@ typedef enum {
     OIDN_ACCESS_WRITE_DISCARD = 3
 } OIDNAccess;
 
-/* Waits for the device and returns the address of byteOffset, good for byteSize bytes (0: to the end of
- * the buffer). Unmapping checks the address and does nothing else. */
-OIDN_API void *oidnMapBuffer(OIDNBuffer buffer, OIDNAccess access, size_t byteOffset, size_t byteSize);
+/* Waits for the device and returns the address of byteOffset, good for byteSize bytes (0: to the
+ * end of the buffer). Unmapping checks the address and does nothing else. */
+OIDN_API void *oidnMapBuffer(OIDNBuffer buffer, OIDNAccess access, size_t byteOffset,
+                             size_t byteSize);
 OIDN_API void oidnUnmapBuffer(OIDNBuffer buffer, void *mappedPtr);
 #endif
 

@@ -16,7 +16,7 @@
 
 OIDN_NAMESPACE_BEGIN
 
-/* ---- Enumerations and flags --------------------------------------------------------------------- */
+/* ---- Enumerations and flags --------------------------------------------------------------- */
 
 enum class Format {
     Undefined = OIDN_FORMAT_UNDEFINED,
@@ -128,9 +128,18 @@ template <typename T, typename std::enable_if<IsFlag<T>::value, bool>::type = tr
 constexpr Flags<T> operator|(T a, T b) noexcept { return Flags<T>(a) | Flags<T>(b); }
 template <typename T, typename std::enable_if<IsFlag<T>::value, bool>::type = true>
 constexpr Flags<T> operator^(T a, T b) noexcept { return Flags<T>(a) ^ Flags<T>(b); }
-template <typename T> constexpr Flags<T> operator&(T a, const Flags<T> &b) noexcept { return b & a; }
-template <typename T> constexpr Flags<T> operator|(T a, const Flags<T> &b) noexcept { return b | a; }
-template <typename T> constexpr Flags<T> operator^(T a, const Flags<T> &b) noexcept { return b ^ a; }
+template <typename T> constexpr Flags<T> operator&(T a, const Flags<T> &b) noexcept
+{
+    return b & a;
+}
+template <typename T> constexpr Flags<T> operator|(T a, const Flags<T> &b) noexcept
+{
+    return b | a;
+}
+template <typename T> constexpr Flags<T> operator^(T a, const Flags<T> &b) noexcept
+{
+    return b ^ a;
+}
 
 using ExternalMemoryTypeFlags = Flags<ExternalMemoryTypeFlag>;
 using ExternalSemaphoreTypeFlags = Flags<ExternalSemaphoreTypeFlag>;
@@ -156,10 +165,10 @@ struct LUID {
 using ProgressMonitorFunction = OIDNProgressMonitorFunction;
 typedef void (*ErrorFunction)(void *userPtr, Error code, const char *message);
 
-/* ---- Handles ------------------------------------------------------------------------------------ */
+/* ---- Handles ------------------------------------------------------------------------------ */
 
-/* Owner of one reference to an object of the C interface. Constructing from a C handle takes over the
- * caller's reference; assigning one adds a reference. */
+/* Owner of one reference to an object of the C interface. Constructing from a C handle takes over
+ * the caller's reference; assigning one adds a reference. */
 template <typename T, void (*retainFn)(T), void (*releaseFn)(T)> class Handle {
 public:
     Handle() noexcept : handle_(nullptr) {}
@@ -247,14 +256,14 @@ public:
                   size_t height, size_t byteOffset = 0, size_t pixelByteStride = 0,
                   size_t rowByteStride = 0)
     {
-        oidnSetFilterImage(handle_, name, buffer.getHandle(), static_cast<OIDNFormat>(format), width,
-                           height, byteOffset, pixelByteStride, rowByteStride);
+        oidnSetFilterImage(handle_, name, buffer.getHandle(), static_cast<OIDNFormat>(format),
+                           width, height, byteOffset, pixelByteStride, rowByteStride);
     }
     void setImage(const char *name, void *devPtr, Format format, size_t width, size_t height,
                   size_t byteOffset = 0, size_t pixelByteStride = 0, size_t rowByteStride = 0)
     {
-        oidnSetSharedFilterImage(handle_, name, devPtr, static_cast<OIDNFormat>(format), width, height,
-                                 byteOffset, pixelByteStride, rowByteStride);
+        oidnSetSharedFilterImage(handle_, name, devPtr, static_cast<OIDNFormat>(format), width,
+                                 height, byteOffset, pixelByteStride, rowByteStride);
     }
     void unsetImage(const char *name) { oidnUnsetFilterImage(handle_, name); }
     OIDN_DEPRECATED("use unsetImage") void removeImage(const char *name) { unsetImage(name); }
@@ -286,7 +295,8 @@ public:
     sycl::event executeAsync(const std::vector<sycl::event> &depEvents)
     {
         sycl::event done;
-        oidnExecuteSYCLFilterAsync(handle_, depEvents.data(), static_cast<int>(depEvents.size()), &done);
+        oidnExecuteSYCLFilterAsync(handle_, depEvents.data(), static_cast<int>(depEvents.size()),
+                                   &done);
         return done;
     }
 #endif
@@ -319,7 +329,7 @@ public:
     void set(const char *name, int value) { oidnSetDeviceInt(handle_, name, value); }
     void set(const char *name, unsigned int value) { oidnSetDeviceUInt(handle_, name, value); }
 
-    /* T: bool, int, unsigned int, DeviceType, ExternalMemoryTypeFlags, ExternalSemaphoreTypeFlags */
+    /* T: bool, int, unsigned int, DeviceType, External{Memory,Semaphore}TypeFlags */
     template <typename T> T get(const char *name) const;
 
     void setErrorFunction(ErrorFunction func, void *userPtr = nullptr)
@@ -351,8 +361,8 @@ public:
     BufferRef newBuffer(ExternalMemoryTypeFlags handleType, void *handle, const void *name,
                         size_t byteSize) const
     {
-        return oidnNewSharedBufferFromWin32Handle(handle_, static_cast<OIDNFlags>(handleType), handle,
-                                                  name, byteSize);
+        return oidnNewSharedBufferFromWin32Handle(handle_, static_cast<OIDNFlags>(handleType),
+                                                  handle, name, byteSize);
     }
 #if defined(__OBJC__)
     BufferRef newBuffer(id<MTLBuffer> buffer) const
@@ -410,7 +420,7 @@ template <> inline ExternalSemaphoreTypeFlags DeviceRef::get(const char *name) c
     return ExternalSemaphoreTypeFlags(oidnGetDeviceUInt(handle_, name));
 }
 
-/* ---- Functions without an object ---------------------------------------------------------------- */
+/* ---- Functions without an object ---------------------------------------------------------- */
 
 /* Errors of this thread that belong to no device. */
 inline Error getError() { return static_cast<Error>(oidnGetDeviceError(nullptr, nullptr)); }
@@ -422,13 +432,19 @@ inline Error getError(const char *&outMessage)
 inline bool isCPUDeviceSupported() { return oidnIsCPUDeviceSupported(); }
 inline bool isCUDADeviceSupported(int deviceID) { return oidnIsCUDADeviceSupported(deviceID); }
 inline bool isHIPDeviceSupported(int deviceID) { return oidnIsHIPDeviceSupported(deviceID); }
-inline bool isMetalDeviceSupported(MTLDevice_id device) { return oidnIsMetalDeviceSupported(device); }
+inline bool isMetalDeviceSupported(MTLDevice_id device)
+{
+    return oidnIsMetalDeviceSupported(device);
+}
 
 inline DeviceRef newDevice(DeviceType type = DeviceType::Default)
 {
     return DeviceRef(oidnNewDevice(static_cast<OIDNDeviceType>(type)));
 }
-inline DeviceRef newDevice(int physicalDeviceID) { return DeviceRef(oidnNewDeviceByID(physicalDeviceID)); }
+inline DeviceRef newDevice(int physicalDeviceID)
+{
+    return DeviceRef(oidnNewDeviceByID(physicalDeviceID));
+}
 inline DeviceRef newDevice(const UUID &uuid) { return DeviceRef(oidnNewDeviceByUUID(uuid.bytes)); }
 inline DeviceRef newDevice(const LUID &luid) { return DeviceRef(oidnNewDeviceByLUID(luid.bytes)); }
 inline DeviceRef newDevice(int pciDomain, int pciBus, int pciDevice, int pciFunction)
@@ -479,10 +495,11 @@ inline DeviceRef newMetalDevice(MTLCommandQueue_id commandQueue)
 }
 inline DeviceRef newMetalDevice(const std::vector<MTLCommandQueue_id> &commandQueues)
 {
-    return DeviceRef(oidnNewMetalDevice(commandQueues.data(), static_cast<int>(commandQueues.size())));
+    return DeviceRef(
+        oidnNewMetalDevice(commandQueues.data(), static_cast<int>(commandQueues.size())));
 }
 
-/* ---- Physical devices --------------------------------------------------------------------------- */
+/* ---- Physical devices --------------------------------------------------------------------- */
 
 inline int getNumPhysicalDevices() { return oidnGetNumPhysicalDevices(); }
 

@@ -1,13 +1,10 @@
-/* The contract of devices and buffers, row by row: physical devices, device parameters, device creation,
- * buffers. Filters are in test_filter.c. */
+/* The contract of devices, row by row: physical devices, creation, parameters, states, NULL
+ * handles, errors. */
 #include "api.h"
 
-#include <float.h>
 #include <limits.h>
 
-#define COUNT(array) (sizeof(array) / sizeof *(array))
-
-/* ---- Physical devices --------------------------------------------------------------------------- */
+/* ---- Physical devices ------------------------------------------------------------------------ */
 
 static void physical_devices(void)
 {
@@ -16,14 +13,22 @@ static void physical_devices(void)
         char kind; /* i: integer, s: string, d: data */
         int value; /* of integers; -1: an error */
     } rows[] = {
-        {"type", 'i', OIDN_DEVICE_TYPE_CPU}, {"name", 's', 0},
-        {"uuidSupported", 'i', 0},           {"luidSupported", 'i', 0},
-        {"pciAddressSupported", 'i', 0},     {"uuid", 'd', -1},
-        {"luid", 'd', -1},                   {"nodeMask", 'i', -1},
-        {"pciDomain", 'i', -1},              {"pciBus", 'i', -1},
-        {"pciDevice", 'i', -1},              {"pciFunction", 'i', -1},
-        {"nonsense", 'x', 0},                {"", 'x', 0},
-        {"Type", 'x', 0},                    {NULL, 'x', 0},
+        {"type", 'i', OIDN_DEVICE_TYPE_CPU},
+        {"name", 's', 0},
+        {"uuidSupported", 'i', 0},
+        {"luidSupported", 'i', 0},
+        {"pciAddressSupported", 'i', 0},
+        {"uuid", 'd', -1},
+        {"luid", 'd', -1},
+        {"nodeMask", 'i', -1},
+        {"pciDomain", 'i', -1},
+        {"pciBus", 'i', -1},
+        {"pciDevice", 'i', -1},
+        {"pciFunction", 'i', -1},
+        {"nonsense", 'x', 0},
+        {"", 'x', 0},
+        {"Type", 'x', 0},
+        {NULL, 'x', 0},
     };
     const int count = oidnGetNumPhysicalDevices();
     size_t i;
@@ -63,7 +68,7 @@ static void physical_devices(void)
     ERROR(NULL, NONE);
 }
 
-/* ---- Creation of devices ------------------------------------------------------------------------ */
+/* ---- Creation of devices --------------------------------------------------------------------- */
 
 static void device_creation(void)
 {
@@ -71,10 +76,14 @@ static void device_creation(void)
         int type;
         OIDNError error;
     } rows[] = {
-        {OIDN_DEVICE_TYPE_DEFAULT, NONE},   {OIDN_DEVICE_TYPE_CPU, NONE},
-        {OIDN_DEVICE_TYPE_SYCL, HARDWARE},  {OIDN_DEVICE_TYPE_CUDA, HARDWARE},
-        {OIDN_DEVICE_TYPE_HIP, HARDWARE},   {OIDN_DEVICE_TYPE_METAL, HARDWARE},
-        {6, UNKNOWN},                       {-1, UNKNOWN},
+        {OIDN_DEVICE_TYPE_DEFAULT, NONE},
+        {OIDN_DEVICE_TYPE_CPU, NONE},
+        {OIDN_DEVICE_TYPE_SYCL, HARDWARE},
+        {OIDN_DEVICE_TYPE_CUDA, HARDWARE},
+        {OIDN_DEVICE_TYPE_HIP, HARDWARE},
+        {OIDN_DEVICE_TYPE_METAL, HARDWARE},
+        {6, UNKNOWN},
+        {-1, UNKNOWN},
         {INT_MAX, UNKNOWN},
     };
     static const unsigned char id[16] = {1};
@@ -114,7 +123,7 @@ static void device_creation(void)
     ERROR(NULL, HARDWARE);
 }
 
-/* ---- Device parameters -------------------------------------------------------------------------- */
+/* ---- Device parameters ----------------------------------------------------------------------- */
 
 static void device_parameters(void)
 {
@@ -123,12 +132,18 @@ static void device_parameters(void)
         int initial;
         int settable;
     } rows[] = {
-        {"type", OIDN_DEVICE_TYPE_CPU, 0}, {"version", 20501, 0},
-        {"versionMajor", 2, 0},            {"versionMinor", 5, 0},
-        {"versionPatch", 1, 0},            {"systemMemorySupported", 1, 0},
-        {"managedMemorySupported", 1, 0},  {"externalMemoryTypes", 0, 0},
-        {"externalSemaphoreTypes", 0, 0},  {"verbose", 0, 1},
-        {"numThreads", 0, 1},              {"setAffinity", 1, 1},
+        {"type", OIDN_DEVICE_TYPE_CPU, 0},
+        {"version", 20501, 0},
+        {"versionMajor", 2, 0},
+        {"versionMinor", 5, 0},
+        {"versionPatch", 1, 0},
+        {"systemMemorySupported", 1, 0},
+        {"managedMemorySupported", 1, 0},
+        {"externalMemoryTypes", 0, 0},
+        {"externalSemaphoreTypes", 0, 0},
+        {"verbose", 0, 1},
+        {"numThreads", 0, 1},
+        {"setAffinity", 1, 1},
     };
     OIDNDevice device;
     size_t i;
@@ -201,7 +216,7 @@ static void device_parameter_names(void)
     oidnReleaseDevice(device);
 }
 
-/* ---- States of a device ------------------------------------------------------------------------- */
+/* ---- States of a device ---------------------------------------------------------------------- */
 
 /* All calls that need a committed, clean device fail with `error`, or all work. */
 static void check_device_calls(OIDNDevice device, OIDNError error)
@@ -245,8 +260,8 @@ static void check_device_calls(OIDNDevice device, OIDNError error)
     ERROR(device, OPERATION);
     CHECK(!oidnNewSharedSemaphoreFromFD(device, OIDN_EXTERNAL_SEMAPHORE_TYPE_FLAG_OPAQUE_FD, 0));
     ERROR(device, error == NONE ? ARGUMENT : error);
-    CHECK(!oidnNewSharedSemaphoreFromWin32Handle(device, OIDN_EXTERNAL_SEMAPHORE_TYPE_FLAG_OPAQUE_WIN32,
-                                                 memory, NULL));
+    CHECK(!oidnNewSharedSemaphoreFromWin32Handle(
+        device, OIDN_EXTERNAL_SEMAPHORE_TYPE_FLAG_OPAQUE_WIN32, memory, NULL));
     ERROR(device, error == NONE ? ARGUMENT : error);
 }
 
@@ -290,16 +305,16 @@ static void device_set_after_commit(void)
     }
 }
 
-/* ---- NULL handles ------------------------------------------------------------------------------- */
+/* ---- NULL handles ---------------------------------------------------------------------------- */
 
 static void null_handles(void)
 {
     char byte = 0;
 
-#define NULL_CALL(call) \
-    do {                \
-        call;           \
-        ERROR(NULL, ARGUMENT); \
+#define NULL_CALL(call)                                                                            \
+    do {                                                                                           \
+        call;                                                                                      \
+        ERROR(NULL, ARGUMENT);                                                                     \
     } while (0)
     NULL_CALL(oidnRetainDevice(NULL));
     NULL_CALL(oidnReleaseDevice(NULL));
@@ -357,175 +372,7 @@ static void null_handles(void)
     }
 }
 
-/* ---- Buffers ------------------------------------------------------------------------------------ */
-
-static void buffer_creation(void)
-{
-    static const struct {
-        size_t bytes;
-        int storage; /* -100: oidnNewBuffer */
-        OIDNError error;
-        int reads_back;
-    } rows[] = {
-        {100, -100, NONE, OIDN_STORAGE_MANAGED},
-        {100, OIDN_STORAGE_UNDEFINED, NONE, OIDN_STORAGE_MANAGED},
-        {100, OIDN_STORAGE_HOST, NONE, OIDN_STORAGE_HOST},
-        {100, OIDN_STORAGE_DEVICE, NONE, OIDN_STORAGE_DEVICE},
-        {100, OIDN_STORAGE_MANAGED, NONE, OIDN_STORAGE_MANAGED},
-        {100, 4, ARGUMENT, 0},
-        {100, -42, ARGUMENT, 0},
-        {0, -42, ARGUMENT, 0},
-        {0, -100, NONE, OIDN_STORAGE_MANAGED},
-        {0, OIDN_STORAGE_HOST, NONE, OIDN_STORAGE_HOST},
-        {0, OIDN_STORAGE_DEVICE, NONE, OIDN_STORAGE_DEVICE},
-        {INTPTR_MAX, -100, MEMORY, 0},
-        {INTPTR_MAX, OIDN_STORAGE_DEVICE, MEMORY, 0},
-        {SIZE_MAX - 8, OIDN_STORAGE_HOST, MEMORY, 0},
-    };
-    OIDNDevice device = new_device();
-    size_t i;
-
-    for (i = 0; i < COUNT(rows); i++) {
-        OIDNBuffer buffer = rows[i].storage == -100
-                                ? oidnNewBuffer(device, rows[i].bytes)
-                                : oidnNewBufferWithStorage(device, rows[i].bytes,
-                                                           (OIDNStorage)rows[i].storage);
-
-        CHECK_EQ(buffer != NULL, rows[i].error == NONE);
-        ERROR(device, rows[i].error);
-        if (!buffer)
-            continue;
-        CHECK_EQ(oidnGetBufferSize(buffer), rows[i].bytes);
-        CHECK_EQ(oidnGetBufferStorage(buffer), rows[i].reads_back);
-        CHECK_EQ(oidnGetBufferData(buffer) != NULL, rows[i].bytes > 0);
-        ERROR(device, NONE);
-        oidnReleaseBuffer(buffer);
-    }
-    oidnReleaseDevice(device);
-}
-
-static void shared_buffers(void)
-{
-    OIDNDevice device = new_device();
-    char memory[64];
-    OIDNBuffer buffer = oidnNewSharedBuffer(device, memory, sizeof memory);
-
-    CHECK(oidnGetBufferData(buffer) == memory);
-    CHECK_EQ(oidnGetBufferSize(buffer), 64);
-    CHECK_EQ(oidnGetBufferStorage(buffer), OIDN_STORAGE_HOST);
-    oidnRetainBuffer(buffer);
-    oidnReleaseBuffer(buffer);
-    CHECK_EQ(oidnGetBufferSize(buffer), 64);
-    oidnReleaseBuffer(buffer);
-    buffer = oidnNewSharedBuffer(device, memory, 0);
-    CHECK(buffer != NULL);
-    ERROR(device, NONE);
-    oidnReleaseBuffer(buffer);
-    CHECK(!oidnNewSharedBuffer(device, NULL, 0));
-    ERROR(device, ARGUMENT);
-    CHECK(!oidnNewSharedBuffer(device, NULL, 8));
-    ERROR(device, ARGUMENT);
-    CHECK(!oidnNewSharedBufferFromFD(device, OIDN_EXTERNAL_MEMORY_TYPE_FLAG_DMA_BUF |
-                                     OIDN_EXTERNAL_MEMORY_TYPE_FLAG_DEDICATED, 0, 16));
-    ERROR(device, ARGUMENT);
-    CHECK(!oidnNewSharedBufferFromWin32Handle(device, 4, memory, memory, 16));
-    ERROR(device, ARGUMENT);
-    CHECK(!oidnNewSharedBufferFromWin32Handle(device, 4, NULL, NULL, 16));
-    ERROR(device, ARGUMENT);
-    oidnSignalSemaphoresAsync(device, NULL, NULL, 0);
-    if (!is_peer())
-        ERROR(device, NONE);
-    oidnGetDeviceError(device, NULL);
-    oidnReleaseDevice(device);
-}
-
-static void buffer_copies(void)
-{
-    static const struct {
-        size_t offset, size;
-        int has_pointer;
-        OIDNError error;
-    } rows[] = {
-        {0, 256, 1, NONE},           {0, 0, 1, NONE},
-        {0, 0, 0, NONE},             {256, 0, 0, NONE},
-        {64, 64, 1, NONE},           {0, 256, 0, ARGUMENT},
-        {0, 1, 0, ARGUMENT},         {0, 257, 1, ARGUMENT},
-        {256, 256, 1, ARGUMENT},     {257, 0, 1, ARGUMENT},
-        {SIZE_MAX, 1, 1, ARGUMENT},  {SIZE_MAX, 0, 1, ARGUMENT},
-        {1, SIZE_MAX, 1, ARGUMENT},  {SIZE_MAX - 255, 256, 1, ARGUMENT},
-        {SIZE_MAX, SIZE_MAX, 1, ARGUMENT},
-    };
-    OIDNDevice device = new_device();
-    OIDNBuffer buffer = oidnNewBufferWithStorage(device, 256, OIDN_STORAGE_DEVICE);
-    unsigned char in[256], out[256];
-    size_t i, k;
-
-    for (i = 0; i < COUNT(rows); i++) {
-        void *to = rows[i].has_pointer ? out : NULL;
-        const void *from = rows[i].has_pointer ? in : NULL;
-
-        oidnWriteBuffer(buffer, rows[i].offset, rows[i].size, from);
-        ERROR(device, rows[i].error);
-        oidnReadBuffer(buffer, rows[i].offset, rows[i].size, to);
-        ERROR(device, rows[i].error);
-        oidnWriteBufferAsync(buffer, rows[i].offset, rows[i].size, from);
-        ERROR(device, rows[i].error);
-        oidnReadBufferAsync(buffer, rows[i].offset, rows[i].size, to);
-        ERROR(device, rows[i].error);
-        oidnSyncDevice(device);
-        ERROR(device, NONE);
-    }
-    for (k = 0; k < 256; k++)
-        in[k] = (unsigned char)(k * 7 + 1);
-    for (i = 0; i < 2; i++) {
-        memset(out, 0, sizeof out);
-        (i ? oidnWriteBufferAsync : oidnWriteBuffer)(buffer, 0, 256, in);
-        (i ? oidnWriteBufferAsync : oidnWriteBuffer)(buffer, 10, 5, in);
-        (i ? oidnReadBufferAsync : oidnReadBuffer)(buffer, 0, 256, out);
-        oidnSyncDevice(device);
-        CHECK(!memcmp(out, in, 10) && !memcmp(out + 10, in, 5) && !memcmp(out + 15, in + 15, 241));
-        memset(out, 0, sizeof out);
-        (i ? oidnReadBufferAsync : oidnReadBuffer)(buffer, 100, 9, out + 3);
-        oidnSyncDevice(device);
-        CHECK(!out[2] && !memcmp(out + 3, in + 100, 9) && !out[12]);
-    }
-    ERROR(device, NONE);
-    oidnReleaseDevice(device);
-    oidnReleaseBuffer(buffer);
-}
-
-static void legacy_mapping(void)
-{
-    OIDNDevice device;
-    OIDNBuffer buffer;
-    char *data;
-
-    if (is_peer()) {
-        SKIP("optional: Open Image Denoise 2 has no oidnMapBuffer");
-        return;
-    }
-    device = new_device();
-    buffer = oidnNewBuffer(device, 64);
-    data = oidnGetBufferData(buffer);
-    CHECK(oidnMapBuffer(buffer, OIDN_ACCESS_WRITE, 0, 0) == data);
-    oidnUnmapBuffer(buffer, data);
-    ERROR(device, NONE);
-    CHECK(oidnMapBuffer(buffer, OIDN_ACCESS_READ_WRITE, 16, 48) == data + 16);
-    oidnUnmapBuffer(buffer, data + 16);
-    ERROR(device, NONE);
-    CHECK(!oidnMapBuffer(buffer, OIDN_ACCESS_READ, 16, 49));
-    ERROR(device, ARGUMENT);
-    CHECK(!oidnMapBuffer(buffer, OIDN_ACCESS_READ, 65, 0));
-    ERROR(device, ARGUMENT);
-    CHECK(!oidnMapBuffer(buffer, (OIDNAccess)4, 0, 0));
-    ERROR(device, ARGUMENT);
-    oidnUnmapBuffer(buffer, data + 65);
-    ERROR(device, ARGUMENT);
-    oidnReleaseBuffer(buffer);
-    oidnReleaseDevice(device);
-}
-
-/* ---- Errors ------------------------------------------------------------------------------------- */
+/* ---- Errors ---------------------------------------------------------------------------------- */
 
 typedef struct record {
     int count;
@@ -589,10 +436,6 @@ int main(int argc, char **argv)
     RUN(device_states);
     RUN(device_set_after_commit);
     RUN(null_handles);
-    RUN(buffer_creation);
-    RUN(shared_buffers);
-    RUN(buffer_copies);
-    RUN(legacy_mapping);
     RUN(error_slots);
     free_identity();
     return check_report();

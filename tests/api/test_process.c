@@ -1,0 +1,336 @@
+/* Threads and processes: thread counts, shared devices, environment variables, forks. */
+#if !defined(_GNU_SOURCE)
+#define _GNU_SOURCE /* setenv, fork, usleep */
+#endif
+#include "api.h"
+
+#include <sys/wait.h>
+#include <unistd.h>
+
+#ifndef LULL_WITH_THREADS
+#define LULL_WITH_THREADS 1
+#endif
+#if LULL_WITH_THREADS
+#include <pthread.h>
+#endif
+
+#if defined(__SANITIZE_THREAD__)
+#define UNDER_TSAN 1
+#elif defined(__has_feature)
+#if __has_feature(thread_sanitizer)
+#define UNDER_TSAN 1
+#endif
+#endif
+#ifndef UNDER_TSAN
+#define UNDER_TSAN 0
+#endif
+
+enum { W = 93, H = 61, N = 3 * W * H }; /* odd on purpose */
+
+/* ---- Threads --------------------------------------------------------------------------------- */
+
+static void thread_counts(void)
+{
+    float *in = noise_image(N, 26), *first = noise_image(N, 27), *out = noise_image(N, 28);
+    int threads;
+
+    for (threads = 1; threads <= 4; threads++) {
+        OIDNDevice device = oidnNewDevice(OIDN_DEVICE_TYPE_CPU);
+        OIDNFilter filter;
+
+        oidnSetDeviceInt(device, "numThreads", threads);
+        oidnSetDeviceBool(device, "setAffinity", threads == 2);
+        oidnCommitDevice(device);
+        filter = new_identity(device, in, threads == 1 ? first : out, W, H);
+        oidnExecuteFilter(filter);
+        ERROR(device, NONE);
+        CHECK(threads == 1 || !memcmp(first, out, N * sizeof(float)));
+        oidnReleaseFilter(filter);
+        oidnReleaseDevice(device);
+    }
+    free(in);
+    free(first);
+    free(out);
+}
+
+#if LULL_WITH_THREADS
+
+typedef struct job {
+    OIDNDevice device;
+    unsigned seed, failed;
+} job;
+
+/* Errors of this thread only; then some work on the shared device. */
+static void *work_beside(void *user)
+{
+    job *j = user;
+    float *in = noise_image(N, j->seed), *out = noise_image(N, j->seed + 1);
+    OIDNFilter filter;
+    int i;
+
+    j->failed += oidnGetDeviceError(j->device, NULL) != NONE;
+    oidnNewDeviceByID(-1);
+    j->failed += oidnGetDeviceError(NULL, NULL) != ARGUMENT;
+    filter = oidnNewFilter(j->device, "RT");
+    use_identity(filter, 3);
+    oidnSetFilterBool(filter, "srgb", true);
+    for (i = 0; i < 6; i++) {
+        const size_t height = H - (unsigned)i % 3;
+
+        oidnSetSharedFilterImage(filter, "color", in, F3, W, height, 0, 0, 0);
+        oidnSetSharedFilterImage(filter, "output", out, F3, W, height, 0, 0, 0);
+        oidnCommitFilter(filter);
+        (i % 2 ? oidnExecuteFilterAsync : oidnExecuteFilter)(filter);
+        oidnNewFilter(j->device, "*");
+        oidnSyncDevice(j->device);
+        j->failed += oidnGetDeviceError(j->device, NULL) != ARGUMENT;
+        j->failed += oidnGetDeviceError(j->device, NULL) != NONE;
+        j->failed += !(difference(in, out, 3 * W * height) < 1e-3f);
+    }
+    oidnReleaseFilter(filter);
+    oidnNewFilter(j->device, "*"); /* left behind unread, for nobody else to see */
+    free(in);
+    free(out);
+    return NULL;
+}
+
+static void threads_share_a_device(void)
+{
+    OIDNDevice device = new_device();
+    pthread_t threads[4];
+    job jobs[4];
+    int i;
+
+    identity(3);
+    oidnNewFilter(device, "*");
+    for (i = 0; i < 4; i++) {
+        jobs[i].device = device;
+        jobs[i].seed = 100 + 2 * (unsigned)i;
+        jobs[i].failed = 0;
+        pthread_create(&threads[i], NULL, work_beside, &jobs[i]);
+    }
+    for (i = 0; i < 4; i++) {
+        pthread_join(threads[i], NULL);
+        CHECK_EQ(jobs[i].failed, 0);
+    }
+    ERROR(device, ARGUMENT);
+    oidnReleaseDevice(device);
+}
+
+static void *own_device(void *user)
+{
+    job *j = user;
+
+    j->device = oidnNewDevice(OIDN_DEVICE_TYPE_CPU);
+    oidnSetDeviceInt(j->device, "numThreads", 2);
+    oidnCommitDevice(j->device);
+    work_beside(j);
+    oidnReleaseDevice(j->device);
+    return NULL;
+}
+
+static void devices_side_by_side(void)
+{
+    pthread_t threads[3];
+    job jobs[3];
+    int i;
+
+    identity(3);
+    for (i = 0; i < 3; i++) {
+        jobs[i].seed = 200 + 2 * (unsigned)i;
+        jobs[i].failed = 0;
+        pthread_create(&threads[i], NULL, own_device, &jobs[i]);
+    }
+    for (i = 0; i < 3; i++) {
+        pthread_join(threads[i], NULL);
+        CHECK_EQ(jobs[i].failed, 0);
+    }
+}
+
+/* More threads with unread errors than a device keeps. */
+static void *leave_error(void *user)
+{
+    oidnNewFilter(user, "*");
+    return NULL;
+}
+
+static void errors_of_many_threads(void)
+{
+    OIDNDevice device = new_device();
+    pthread_t thread;
+    int i;
+
+    for (i = 0; i < 600; i++) {
+        pthread_create(&thread, NULL, leave_error, device);
+        pthread_join(thread, NULL);
+    }
+    ERROR(device, NONE);
+    leave_error(device);
+    ERROR(device, ARGUMENT);
+    oidnReleaseDevice(device);
+}
+
+#endif
+
+/* ---- Environment and processes --------------------------------------------------------------- */
+
+/* Runs a check in a child process with a variable set. Returns its exit status, 0 if all
+ * is well. */
+static int in_child(const char *name, const char *value, int (*check)(void))
+{
+    int status = -1;
+    pid_t pid;
+
+    fflush(stdout);
+    pid = fork();
+    if (pid == 0) {
+        if (name)
+            setenv(name, value, 1);
+        _exit(check());
+    }
+    if (pid < 0 || waitpid(pid, &status, 0) != pid || !WIFEXITED(status))
+        return -1;
+    return WEXITSTATUS(status);
+}
+
+static int one_thread(void)
+{
+    OIDNDevice device = oidnNewDevice(OIDN_DEVICE_TYPE_CPU);
+    int ok = oidnGetDeviceInt(device, "numThreads") == 1;
+
+    oidnSetDeviceInt(device, "numThreads", 2);
+    ok &= oidnGetDeviceInt(device, "numThreads") == 1;
+    oidnCommitDevice(device);
+    ok &= oidnGetDeviceInt(device, "numThreads") == 1;
+    ok &= oidnGetDeviceError(device, NULL) == NONE;
+    oidnReleaseDevice(device);
+    return !ok;
+}
+
+static int no_affinity(void)
+{
+    OIDNDevice device = oidnNewDevice(OIDN_DEVICE_TYPE_CPU);
+    int ok = !oidnGetDeviceBool(device, "setAffinity");
+
+    oidnSetDeviceBool(device, "setAffinity", true);
+    ok &= !oidnGetDeviceBool(device, "setAffinity");
+    oidnReleaseDevice(device);
+    return !ok;
+}
+
+static int verbose_two(void)
+{
+    OIDNDevice device;
+    int ok;
+
+    if (!freopen("/dev/null", "w", stdout))
+        return 2;
+    device = oidnNewDevice(OIDN_DEVICE_TYPE_CPU);
+    ok = oidnGetDeviceInt(device, "verbose") == 2;
+    oidnSetDeviceInt(device, "verbose", 0);
+    ok &= oidnGetDeviceInt(device, "verbose") == 2;
+    oidnCommitDevice(device);
+    ok &= oidnGetDeviceError(device, NULL) == NONE;
+    oidnReleaseDevice(device);
+    return !ok;
+}
+
+static int no_cpu(void)
+{
+    int ok = oidnGetNumPhysicalDevices() == 0 && !oidnIsCPUDeviceSupported();
+
+    ok &= !oidnNewDevice(OIDN_DEVICE_TYPE_DEFAULT) && oidnGetDeviceError(NULL, NULL) == HARDWARE;
+    ok &= !oidnNewDevice(OIDN_DEVICE_TYPE_CPU) && oidnGetDeviceError(NULL, NULL) == HARDWARE;
+    ok &= !oidnNewDeviceByID(0) && oidnGetDeviceError(NULL, NULL) == ARGUMENT;
+    return !ok;
+}
+
+static int default_device(void)
+{
+    OIDNDevice device = oidnNewDevice(OIDN_DEVICE_TYPE_DEFAULT);
+    int ok = device && oidnGetDeviceInt(device, "type") == OIDN_DEVICE_TYPE_CPU;
+
+    if (device)
+        oidnReleaseDevice(device);
+    return !ok;
+}
+
+static void environment(void)
+{
+    static const char *const defaults[] = {"cpu", "CPU", "0", "cuda", "7", "nonsense", ""};
+    size_t i;
+
+    CHECK_EQ(in_child("OIDN_NUM_THREADS", "1", one_thread), 0);
+    CHECK_EQ(in_child("OIDN_SET_AFFINITY", "0", no_affinity), 0);
+    CHECK_EQ(in_child("OIDN_VERBOSE", "2", verbose_two), 0);
+    for (i = 0; i < COUNT(defaults); i++)
+        CHECK_EQ(in_child("OIDN_DEFAULT_DEVICE", defaults[i], default_device), 0);
+    if (!is_peer()) /* reads this once per process, which is too late here */
+        CHECK_EQ(in_child("OIDN_DEVICE_CPU", "0", no_cpu), 0);
+}
+
+/* A device made before a fork works in the child, too, and in the parent afterwards. */
+static struct {
+    OIDNDevice device;
+    OIDNFilter filter;
+    float *in, *out;
+} forked;
+
+static int run_forked(void)
+{
+    int ok;
+
+    memset(forked.out, 0, N * sizeof(float));
+    oidnExecuteFilterAsync(forked.filter);
+    oidnExecuteFilter(forked.filter);
+    ok = oidnGetDeviceError(forked.device, NULL) == NONE;
+    ok &= difference(forked.in, forked.out, N) < 1e-3f;
+    return !ok;
+}
+
+static int release_forked(void)
+{
+    oidnReleaseFilter(forked.filter);
+    oidnReleaseDevice(forked.device);
+    return 0;
+}
+
+static int run_and_release_forked(void) { return run_forked() || release_forked(); }
+
+static void fork_and_go_on(void)
+{
+    if (is_peer()) {
+        SKIP("optional: Open Image Denoise hangs in forked children");
+        return;
+    }
+    if (UNDER_TSAN) {
+        SKIP("optional: the thread sanitizer allows no threads in forked children");
+        return;
+    }
+    forked.device = new_device();
+    forked.in = noise_image(N, 29);
+    forked.out = noise_image(N, 30);
+    forked.filter = new_identity(forked.device, forked.in, forked.out, W, H);
+    CHECK_EQ(run_forked(), 0);
+    CHECK_EQ(in_child(NULL, NULL, run_and_release_forked), 0);
+    CHECK_EQ(in_child(NULL, NULL, release_forked), 0);
+    CHECK_EQ(run_forked(), 0);
+    release_forked();
+    free(forked.in);
+    free(forked.out);
+}
+
+int main(int argc, char **argv)
+{
+    CHECK_MAIN(argc, argv);
+    RUN(thread_counts);
+#if LULL_WITH_THREADS
+    RUN(threads_share_a_device);
+    RUN(devices_side_by_side);
+    RUN(errors_of_many_threads);
+#endif
+    RUN(environment);
+    RUN(fork_and_go_on);
+    free_identity();
+    return check_report();
+}
