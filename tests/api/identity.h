@@ -11,7 +11,7 @@ extern "C" {
 #endif
 
 /* A TZA file (fp16) for `inputs` (3, 6 or 9) input channels and `width` (3 to 64) channels
- * everywhere else; `large` is the topology with an overlap of 112. malloc'ed; NULL without memory. */
+ * everywhere else; `large` is the topology with an overlap of 112. malloc'ed, or NULL. */
 void *identity_weights(unsigned inputs, unsigned width, int large, size_t *bytes);
 
 #ifdef __cplusplus

@@ -79,8 +79,8 @@ END
 $CC -std=c99 $includes -c "$work/plain.c" -o "$work/plain.o"
 # shellcheck disable=SC2086
 $CXX -std=c++11 $warnings $includes "$work/both.cpp" "$work/plain.o" \
-    "$build/lib/libOpenImageDenoise.so.2" "$work/libother.so" -Wl,-rpath,"$build/lib:$work" -pthread \
-    -o "$work/both"
+    "$build/lib/libOpenImageDenoise.so.2" "$work/libother.so" -Wl,-rpath,"$build/lib:$work" \
+    -pthread -o "$work/both"
 if ! "$work/both"; then
     echo "FAIL both: two copies in one process"
     exit 1
