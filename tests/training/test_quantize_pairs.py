@@ -35,6 +35,7 @@ def breaks(pair):
     return sum(v for v in pair if v > 0) > 128 or sum(v for v in pair if v < 0) < -128
 
 
+@settings(deadline=None)
 @given(weights())
 def test_safe_weights_are_safe_and_near(w):
     made = safe(w)
@@ -44,6 +45,7 @@ def test_safe_weights_are_safe_and_near(w):
     assert (abs(made.astype(int)) <= abs(w)).all(), "a weight grew"
 
 
+@settings(deadline=None)
 @given(weights(-127, 127))
 def test_unsafe_pairs_are_counted_and_safe_weights_left_alone(w):
     count = sum(map(breaks, pairs_by_hand(w)))
@@ -52,6 +54,7 @@ def test_unsafe_pairs_are_counted_and_safe_weights_left_alone(w):
         assert (safe(w) == w).all()
 
 
+@settings(deadline=None)
 @given(weights())
 def test_pairs_come_back(w):
     assert [list(p) + [0] * (2 - len(p)) for p in pairs_by_hand(w)] == \
@@ -59,6 +62,7 @@ def test_pairs_come_back(w):
     assert (from_pairs(to_pairs(w), w.shape) == w).all()
 
 
+@settings(deadline=None)
 @given(weights())
 def test_weights_over_their_norm_keep_the_bounds(w):
     norm = pair_norm(w)

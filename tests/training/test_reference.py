@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from export import denoise as command
 from export import golden_int, pixels
 from export.convolve import taps_3x3, taps_phases
 from export.graph import Layer
@@ -23,6 +24,8 @@ from export.reference import (
 )
 from export.tza import Reader, Writer
 from training import color
+from training.errors import DATA, STATE, USAGE
+from training.imageio import read_image, write_exr
 
 GOLDEN = Path(__file__).resolve().parent.parent / "golden"
 MIXED = GOLDEN / "int_unet_9_mixed" / "weights.tza"
@@ -219,6 +222,25 @@ def test_nonsense_pixels_and_few_channels():
     grey = denoise(model, Frame(picture(16, 16, 1)), 1)
     three = denoise(model, Frame(picture(16, 16, 1)))
     assert grey.shape == (16, 16, 1) and np.allclose(grey[..., 0], three.mean(-1), rtol=1e-5)
+
+
+def test_command(work, fails):
+    images = picture(20, 24)
+    write_exr(work / "in.hdr.exr", images["color"])
+    write_exr(work / "in.alb.exr", images["albedo"])
+    write_exr(work / "in.nrm.exr", images["normal"])
+    command.main([str(MIXED), "in.hdr.exr", "out.exr", "--scale", "0.5"])
+    command.main([str(MIXED), "in.hdr.exr", "out.pfm", "--scale", "0.5"])
+    wanted = denoise(load_model(MIXED), Frame(images, scale=0.5))
+    for name in ("out.exr", "out.pfm"):
+        assert (read_image(work / name) == wanted).all()
+    for args, code, word in ((["none.tza", "in.hdr.exr", "o.exr"], STATE, "none.tza"),
+                             ([str(MIXED), "none.exr", "o.exr"], DATA, "none.exr"),
+                             ([str(MIXED), "in.hdr.exr", "o.txt"], USAGE, "o.txt"),
+                             ([str(MIXED), "in.hdr.exr", "o.exr", "--scale", "nan"], USAGE,
+                              "--scale")):
+        got, message = fails(command.main, args)
+        assert got == code and word in message
 
 
 def test_an_image_of_infinities_is_black():
