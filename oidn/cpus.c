@@ -129,7 +129,7 @@ static int read_brand(char text[49])
 {
     unsigned r[12], i;
 
-    if (__get_cpuid_max(0x80000000u, NULL) < 0x80000004u)
+    if ((unsigned)__get_cpuid_max(0x80000000u, NULL) < 0x80000004u)
         return 0;
     for (i = 0; i < 3; i++)
         if (!__get_cpuid(0x80000002u + i, &r[4 * i], &r[4 * i + 1], &r[4 * i + 2], &r[4 * i + 3]))

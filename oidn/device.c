@@ -1,13 +1,9 @@
 /* Devices: creation, parameters, commit, synchronisation, lifetime. */
 #include "internal.h"
 
-#include <ctype.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-
-#define STRINGIFY_(x) #x
-#define STRINGIFY(x) STRINGIFY_(x)
 
 /* ---- Environment ----------------------------------------------------------------------------- */
 
