@@ -229,17 +229,35 @@ static float value_at(const unsigned char *plane, size_t i, uint16_t type)
     return type == EXR_PIXEL_FLOAT ? v.f : (float)v.u;
 }
 
+/* A row of one channel into the image, from value `at` on in steps of the image's channels. */
+static void store_row(image *out, size_t at, const unsigned char *row, size_t width, uint16_t type)
+{
+    size_t step = out->channels;
+    if (out->type == IMAGE_FLOAT) {
+        float *values = (float *)out->pixels + at;
+        for (size_t x = 0; x < width; x++)
+            values[x * step] = value_at(row, x, type);
+    } else {
+        uint16_t *values = (uint16_t *)out->pixels + at;
+        for (size_t x = 0; x < width; x++) {
+            if (type == EXR_PIXEL_HALF)
+                memcpy(&values[x * step], row + 2 * x, 2);
+            else
+                values[x * step] = half_from_float(value_at(row, x, type));
+        }
+    }
+}
+
 static void store_chunk(const reader *r, image *out)
 {
     size_t w = (size_t)r->chunks.info.width, h = (size_t)r->chunks.info.height;
     for (unsigned c = 0; c < out->channels; c++) {
         const exr_coding_channel_info_t *channel = &r->decode.channels[r->taken[c]];
         const unsigned char *plane = r->planes[r->taken[c]];
+        size_t line = w * (channel->data_type == EXR_PIXEL_HALF ? 2 : 4);
         for (size_t y = 0; y < h; y++) {
-            size_t start = ((size_t)r->chunks.y + y) * out->width + (size_t)r->chunks.x;
-            for (size_t x = 0; x < w; x++)
-                image_set(out, (start + x) * out->channels + c,
-                          value_at(plane, y * w + x, channel->data_type));
+            size_t pixel = ((size_t)r->chunks.y + y) * out->width + (size_t)r->chunks.x;
+            store_row(out, pixel * out->channels + c, plane + y * line, w, channel->data_type);
         }
     }
 }

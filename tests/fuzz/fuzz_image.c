@@ -12,7 +12,7 @@
 
 #include "imageio.h"
 
-#define MEMORY (64u << 20) /* of one image; what is larger must be refused */
+#define MEMORY (4u << 20) /* of one image; what is larger must be refused */
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 
