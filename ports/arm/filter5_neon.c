@@ -1,5 +1,5 @@
-/* 5x5 filter: a vector holds the 4 channels of a pixel; 4 pixels at a time, so that their chains of sums
- * overlap. Products and sums are rounded one by one, in the order of the definition. */
+/* 5x5 filter: a vector holds the 4 channels of a pixel; 4 pixels at a time, so that their chains of
+ * sums overlap. Products and sums are rounded one by one, in the order of the definition. */
 #include <arm_neon.h>
 
 #include "port_neon.h"
