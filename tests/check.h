@@ -9,8 +9,9 @@
  *     }
  *
  * One test function is one counted test: it passes if it made at least one check and none failed,
- * it is skipped if it called SKIP. A failure prints one line and the function goes on. The program's
- * last line is `N passed, N failed, N skipped`; its exit status is 1 if a test failed or none ran.
+ * it is skipped if it called SKIP. A failure prints one line and the function goes on. The
+ * program's last line is `N passed, N failed, N skipped`; its exit status is 1 if a test failed or
+ * none ran.
  *
  * A reason for a skip that starts with "optional: " is accepted everywhere; any other one counts as
  * a failure when the environment has CI=true.
@@ -47,16 +48,15 @@ static inline int check_equal(long long a, long long b, const char *file, int li
 
 /* Each yields 1 if it holds, so that a test can leave early: `if (!CHECK(p)) return;` */
 #define CHECK(condition) check_that(!!(condition), __FILE__, __LINE__, #condition)
-#define CHECK_EQ(a, b) \
-    check_equal((long long)(a), (long long)(b), __FILE__, __LINE__, #a " == " #b)
+#define CHECK_EQ(a, b) check_equal((long long)(a), (long long)(b), __FILE__, __LINE__, #a " == " #b)
 #define CHECK_STR(a, b) check_that(strcmp((a), (b)) == 0, __FILE__, __LINE__, #a " is " #b)
 
 /* Ends the running test as skipped; the reason is a complete phrase. */
-#define SKIP(reason)                                           \
-    do {                                                       \
-        printf("SKIP %s: %s\n", check_state.name, (reason));   \
-        check_state.skip = 1;                                  \
-        return;                                                \
+#define SKIP(reason)                                                                               \
+    do {                                                                                           \
+        printf("SKIP %s: %s\n", check_state.name, (reason));                                       \
+        check_state.skip = 1;                                                                      \
+        return;                                                                                    \
     } while (0)
 
 static inline void check_run(const char *name, void (*test)(void))

@@ -1,5 +1,5 @@
-/* Family K against its numpy reference (export/golden_kernel.py), to the bit: every set of features and
- * content, port, thread count, row step, strip width, and in place. */
+/* Family K against its numpy reference (export/golden_kernel.py), to the bit: every set of features
+ * and content, port, thread count, row step, strip width, and in place. */
 #define _POSIX_C_SOURCE 200809L
 #include <math.h>
 #include <stdlib.h>
@@ -65,16 +65,22 @@ typedef struct run_case {
     const char *expected;
 } run_case;
 
-static const run_case cases[] = {
-    {7, LULL_HDR, "out_7_hdr.f32"},          {7, LULL_LDR, "out_7_ldr.f32"},
-    {7, LULL_SRGB, "out_7_srgb.f32"},        {1, LULL_HDR, "out_1_hdr.f32"},
-    {3, LULL_HDR, "out_3_hdr.f32"},          {5, LULL_LIGHTMAP_HDR, "out_5_lightmap-hdr.f32"},
-    {1, LULL_LIGHTMAP_DIR, "out_1_lightmap-dir.f32"}, {2, LULL_LDR, "out_2_ldr.f32"},
-    {4, LULL_LDR, "out_4_ldr.f32"}};
+static const run_case cases[] = {{7, LULL_HDR, "out_7_hdr.f32"},
+                                 {7, LULL_LDR, "out_7_ldr.f32"},
+                                 {7, LULL_SRGB, "out_7_srgb.f32"},
+                                 {1, LULL_HDR, "out_1_hdr.f32"},
+                                 {3, LULL_HDR, "out_3_hdr.f32"},
+                                 {5, LULL_LIGHTMAP_HDR, "out_5_lightmap-hdr.f32"},
+                                 {1, LULL_LIGHTMAP_DIR, "out_1_lightmap-dir.f32"},
+                                 {2, LULL_LDR, "out_2_ldr.f32"},
+                                 {4, LULL_LDR, "out_4_ldr.f32"}};
 
 static const unsigned variants[][4] = {/* threads, row step, strip width, in place */
-                                       {1, 0, 0, 0},  {3, 1, 0, 0}, {2, 5, 16, 0},
-                                       {1, 16, 32, 1}, {7, 2, 16, 1}};
+                                       {1, 0, 0, 0},
+                                       {3, 1, 0, 0},
+                                       {2, 5, 16, 0},
+                                       {1, 16, 32, 1},
+                                       {7, 2, 16, 1}};
 
 static void run_one(const run_case *c, const void *weights, size_t bytes, uint32_t ports,
                     const unsigned *variant, const float *expected)

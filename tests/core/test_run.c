@@ -91,7 +91,8 @@ static lull_plan *make_plan(const lull_frame *frame, const lull_model *model)
     return plan;
 }
 
-/* ---- A parallel_for with real threads ---------------------------------------------------------------- */
+/* ---- A parallel_for with real threads
+ * ---------------------------------------------------------------- */
 
 typedef struct job {
     void (*body)(void *, unsigned, unsigned);
@@ -134,7 +135,8 @@ static void with_threads(void *user, unsigned count, void (*body)(void *, unsign
         pthread_join(thread[i], NULL);
 }
 
-/* ---- Tests ------------------------------------------------------------------------------------------- */
+/* ---- Tests
+ * ------------------------------------------------------------------------------------------- */
 
 static void same_bytes_for_every_schedule(void)
 {
@@ -275,7 +277,8 @@ static void every_size_runs(void)
             for (unsigned h = 0; h < 36; h += h < 4 ? 1 : 15)
                 for (unsigned content = 0; content < LULL_CONTENT_COUNT; content++) {
                     scene s = make_scene(w, h, channels);
-                    lull_frame frame = lull_frame_default(w, h, (lull_content)content, ALL_FEATURES);
+                    lull_frame frame =
+                        lull_frame_default(w, h, (lull_content)content, ALL_FEATURES);
                     lull_plan *plan = make_plan(&frame, model);
                     int hdr = content == LULL_HDR || content == LULL_LIGHTMAP_HDR;
                     float low = content == LULL_LIGHTMAP_DIR ? -1.0f : 0.0f;
@@ -289,7 +292,8 @@ static void every_size_runs(void)
     free(model);
 }
 
-/* Plan memory is what was asked for, is filled with a pattern around it, and does not grow with height. */
+/* Plan memory is what was asked for, is filled with a pattern around it, and does not grow with
+ * height. */
 static void memory_is_known_beforehand(void)
 {
     lull_model *model = load_model(WEIGHTS);

@@ -1,10 +1,10 @@
 /* Golden vectors: tests/golden/<case>/ holds weights, the network's input and what an independent
  * implementation made of it. Floating-point cases (output.f32, from PyTorch) must agree within a
- * tolerance, integer ones (output.u15, from the numpy reference) exactly; every case must give equal
- * bytes for any row step, strip width and (integer) port.
+ * tolerance, integer ones (output.u15, from the numpy reference) exactly; every case must give
+ * equal bytes for any row step, strip width and (integer) port.
  *
- * The network's input is fed through the image path as sRGB content, which leaves [0,1] values as they
- * are; normals are stored as 2v - 1. */
+ * The network's input is fed through the image path as sRGB content, which leaves [0,1] values as
+ * they are; normals are stored as 2v - 1. */
 #define _POSIX_C_SOURCE 200809L
 #include <dirent.h>
 #include <math.h>
@@ -103,8 +103,8 @@ static float *run(const golden *g, uint32_t ports, unsigned row_step, unsigned s
     lull_images images;
     lull_model *model;
     lull_plan *plan;
-    lull_status status = lull_model_init(&model, model_memory, model_bytes, g->weights,
-                                         g->weights_bytes, ports);
+    lull_status status =
+        lull_model_init(&model, model_memory, model_bytes, g->weights, g->weights_bytes, ports);
     if (!CHECK_EQ(status, LULL_OK)) {
         printf("%s: %s\n", g->folder, lull_status_text(status));
         exit(1);
