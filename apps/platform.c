@@ -38,6 +38,14 @@ double platform_clock(void)
 void platform_sleep(unsigned seconds) { Sleep(seconds * 1000); }
 int platform_is_terminal(FILE *stream) { return _isatty(_fileno(stream)); }
 size_t platform_peak_memory(void) { return 0; }
+
+int platform_processors(void)
+{
+    SYSTEM_INFO info;
+    GetSystemInfo(&info);
+    return info.dwNumberOfProcessors > 0 ? (int)info.dwNumberOfProcessors : 1;
+}
+
 int platform_seek(FILE *file, int64_t offset) { return _fseeki64(file, offset, SEEK_SET); }
 
 int64_t platform_file_size(FILE *file)
@@ -76,6 +84,16 @@ double platform_clock(void)
 
 void platform_sleep(unsigned seconds) { sleep(seconds); }
 int platform_is_terminal(FILE *stream) { return isatty(fileno(stream)); }
+
+int platform_processors(void)
+{
+#if defined(_SC_NPROCESSORS_ONLN)
+    long n = sysconf(_SC_NPROCESSORS_ONLN);
+    return n > 0 && n < 65536 ? (int)n : 1;
+#else
+    return 1;
+#endif
+}
 
 size_t platform_peak_memory(void)
 {

@@ -16,6 +16,9 @@ void platform_sleep(unsigned seconds);
 /* 1 if the stream is shown to a person. */
 int platform_is_terminal(FILE *stream);
 
+/* Processors that this process may use, 1 at least. */
+int platform_processors(void);
+
 /* Most memory in bytes that this process has had resident so far; 0 if the system does not say. */
 size_t platform_peak_memory(void);
 

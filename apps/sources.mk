@@ -1,6 +1,6 @@
 # The programs. Makefile and meson.build read this file: plain assignments only, paths from the top of
 # the tree.
-APPS := oidnDenoise oidnBenchmark lullInfo yimgdenoise
+APPS := oidnDenoise oidnBenchmark lullInfo yimgdenoise ynlmdenoise
 APP_COMMON_SOURCES := apps/device.c apps/exr_file.c apps/exr_keep.c apps/imageio.c \
                       apps/imageio_exr.c apps/imageio_hdr.c apps/imageio_pfm.c apps/imageio_png.c \
                       apps/imageio_ppm.c apps/json.c apps/layers.c apps/options.c apps/platform.c \
@@ -13,3 +13,4 @@ APP_lullInfo_SOURCES := apps/lullInfo.c apps/compare.c
 APP_yimgdenoise_SOURCES := apps/yimgdenoise.c apps/compare.c apps/denoise_frame.c \
                            apps/denoise_inputs.c apps/denoise_options.c apps/denoise_run.c \
                            apps/doctor.c apps/doctor_maps.c apps/sequence.c
+APP_ynlmdenoise_SOURCES := apps/ynlmdenoise.c apps/compare.c
