@@ -39,6 +39,9 @@ BUILD ?= build
 include lib/sources.mk ports/sources.mk oidn/sources.mk apps/sources.mk
 TESTS :=
 include $(sort $(wildcard tests/*/sources.mk))
+ifneq ($(SAN),)
+TESTS := $(filter-out $(TESTS_NOT_SANITIZED),$(TESTS))
+endif
 
 # ---- What the compiler makes code for ------------------------------------------------------------
 

@@ -52,7 +52,10 @@ def test_sequence_with_step_stops_at_a_missing_frame(denoise, identity, work):
 def test_progress_is_shown_to_a_person_only(build, denoise, identity, work):
     t.write_pfm(work / "in.pfm", t.noise(256, 256))
     arguments = ["--hdr", "in.pfm", "-w", str(identity[3])]
-    master, slave = os.openpty()
+    try:
+        master, slave = os.openpty()
+    except OSError:
+        pytest.skip("optional: no pseudo-terminals here")
     done = subprocess.run(
         [build / "bin" / "oidnDenoise", *arguments], stdout=subprocess.PIPE, stderr=slave, text=True
     )

@@ -14,3 +14,5 @@ TEST_conform_emulated_SOURCES := tests/conform/emulate_main.c tests/conform/conf
                                  tests/conform/emulate_conv_int_vnni.c
 # The emulation is thousands of small functions: at -O3 its files take minutes to compile.
 TEST_conform_emulated_FLAGS := -Wno-psabi -O1
+# The same with sanitizers: an hour. The kernels themselves are sanitized through conform.
+TESTS_NOT_SANITIZED := conform_emulated
