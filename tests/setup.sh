@@ -7,8 +7,10 @@
 #                                 of tests/requirements.txt and training/requirements.txt
 #   tests/setup.sh peer VENV      these, and bench/requirements.txt (the real Open Image Denoise)
 #
-# Environment: PYTHON (default python3), LULL_NO_INSTALL=1 never installs Debian packages,
-# CI=true makes it fail where something is missing (else the tests in question count as skipped).
+# Environment: PYTHON (default python3), LULL_NO_INSTALL=1 never installs Debian packages, CI=true makes
+# it fail where something of these is missing (else the tests in question count as skipped) and
+# installs, where it can, also what optional tests use: other compilers, emulators, valgrind, the real
+# Open Image Denoise.
 set -eu
 
 what=$1
@@ -33,15 +35,40 @@ find_missing() {
     fi
 }
 
-find_missing
-if [ -n "$missing" ] && [ "${LULL_NO_INSTALL:-0}" != 1 ] && [ "$(id -u)" = 0 ] \
-    && command -v apt-get >/dev/null 2>&1; then
+# Of use to some tests, and left alone where they cannot be had.
+find_wanted() {
+    missing=
+    [ "$what" = check ] || return 0
+    need g++ command -v c++
+    need libsimde-dev [ -e /usr/include/simde ]
+    [ "${CI:-}" = true ] || return 0
+    need clang command -v clang
+    need cmake command -v cmake
+    need meson command -v meson
+    need ninja-build command -v ninja
+    need valgrind command -v valgrind
+    need qemu-user command -v qemu-aarch64
+    need "gcc-aarch64-linux-gnu libc6-dev-arm64-cross" command -v aarch64-linux-gnu-gcc
+    need "gcc-arm-linux-gnueabihf libc6-dev-armhf-cross" command -v arm-linux-gnueabihf-gcc
+    need "gcc-s390x-linux-gnu libc6-dev-s390x-cross" command -v s390x-linux-gnu-gcc
+}
+
+can_install() {
+    [ "${LULL_NO_INSTALL:-0}" != 1 ] && [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null 2>&1
+}
+
+install_packages() { # installs $missing
     echo "installing Debian packages:$missing"
     export DEBIAN_FRONTEND=noninteractive
     # shellcheck disable=SC2086
     { apt-get install -qq -y --no-install-recommends $missing >/dev/null 2>&1 ||
         { apt-get update -qq && apt-get install -qq -y --no-install-recommends $missing >/dev/null; }; } ||
         echo "setup: apt-get could not install:$missing" >&2
+}
+
+find_missing
+if [ -n "$missing" ] && can_install; then
+    install_packages
     find_missing
 fi
 if [ -n "$missing" ]; then
@@ -50,12 +77,16 @@ if [ -n "$missing" ]; then
     [ "${CI:-}" != true ] || exit 1
 fi
 [ "$what" != build ] || exit 0
+find_wanted
+[ -z "$missing" ] || ! can_install || install_packages
 
 # The virtual environment. Each list is installed once, and again when it changes.
 venv=$2
 [ -x "$venv/bin/python" ] || "$python" -m venv "$venv"
 lists="tests/requirements.txt training/requirements.txt"
-[ "$what" != peer ] || lists="$lists bench/requirements.txt"
+if [ "$what" = peer ] || [ "${CI:-}" = true ]; then
+    lists="$lists bench/requirements.txt"
+fi
 for list in $lists; do
     stamp=$venv/$(echo "$list" | tr / -).done
     ! cmp -s "$root/$list" "$stamp" || continue
