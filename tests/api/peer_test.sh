@@ -129,7 +129,8 @@ same_output "little memory" --hdr color.pfm --maxmem 0
 same_output "buffers" --hdr color.pfm --buffer device
 same_output "repeated" --hdr color.pfm -n 3
 same_output "weights" --hdr color.pfm -w "$root/weights/rt_hdr_w16.tza"
-try "oidnDenoise --ref" bin/oidnDenoise --hdr color.pfm --ref ours.pfm
+try "oidnDenoise --ref" bin/oidnDenoise --hdr color.pfm -w "$root/weights/rt_hdr_w16.tza" \
+    --ref ours.pfm
 try "oidnDenoise --ld" bin/oidnDenoise --ld
 
 # ---- oidnBenchmark -----------------------------------------------------------------------------
