@@ -1,10 +1,10 @@
-"""The 5x5 kernel filter of family K as one differentiable operation.
+"""The slow operations of family K, differentiable: the 5x5 kernel filter
 
     out[c](p) = sum over the 5x5 taps k, row by row, of exp(logits[k](p)) * v[c](p + k)
 
-with zeros outside.
+with zeros outside, and the split of a head's channels into planar tensors of whole codes.
 
-A fused C++ operation on the CPU where a compiler is found (about 12 times faster), plain PyTorch
+Fused C++ operations on the CPU where a compiler is found (about 12 times faster), plain PyTorch
 elsewhere. Set LULL_FUSED=0 to force the latter.
 """
 from __future__ import annotations
@@ -12,6 +12,7 @@ from __future__ import annotations
 import functools
 import os
 import shutil
+import zlib
 from pathlib import Path
 
 import torch
@@ -29,7 +30,9 @@ def fused_module():
         return None
     from torch.utils.cpp_extension import load
     try:
-        return load("lull_kernel_filter", [str(SOURCE)], verbose=False,
+        # PyTorch caches modules by name: checkouts with different sources must not share one.
+        name = f"lull_kernel_filter_{zlib.crc32(SOURCE.read_bytes()):08x}"
+        return load(name, [str(SOURCE)], verbose=False,
                     extra_cflags=["-O3", "-march=native", "-ffast-math", "-fopenmp"])
     except (RuntimeError, OSError, ImportError) as e:
         print(f"the fused kernel filter could not be built, PyTorch's operations serve: {e}")
@@ -47,6 +50,42 @@ class _Fused(torch.autograd.Function):
     def backward(ctx, g: Tensor):
         logits, v = ctx.saved_tensors
         return tuple(fused_module().backward(logits, v, g))
+
+
+class _Split(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx, q: Tensor, counts: list[int], step: float):
+        q = q.contiguous(memory_format=torch.channels_last)
+        ctx.save_for_backward(q)
+        ctx.step = step
+        return tuple(fused_module().split(q, counts, step))
+
+    @staticmethod
+    def backward(ctx, *grads: Tensor):
+        return fused_module().join(*ctx.saved_tensors, list(grads), ctx.step), None, None
+
+
+class Round(torch.autograd.Function):
+    """Rounds to whole numbers, halves up; the gradient passes."""
+
+    @staticmethod
+    def forward(ctx, x: Tensor) -> Tensor:
+        return torch.floor(x + 0.5)
+
+    @staticmethod
+    def backward(ctx, g: Tensor) -> Tensor:
+        return g
+
+
+def split_codes(q: Tensor, counts: list[int], step: float) -> tuple[Tensor, ...]:
+    """q [N,C,H,W] as whole codes of 0..255 over `step`, in parts of counts[i] channels, in fp32.
+
+    The gradient is zero where a code was clamped.
+    """
+    if q.device.type == "cpu" and fused_module() is not None:
+        return _Split.apply(q, counts, step)
+    codes = Round.apply((q.float() * step).clamp(0.0, 255.0)) / step
+    return torch.split(codes, counts, 1)
 
 
 def plain(logits: Tensor, v: Tensor) -> Tensor:

@@ -13,7 +13,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from training.kernel_filter import TAPS, kernel_filter
+from training.kernel_filter import TAPS, Round, kernel_filter, split_codes
 
 INPUTS, LEVELS = 12, 5
 EPS = 0.02                        # added to the albedo that divides
@@ -21,7 +21,8 @@ LOG_GAIN, LOG_TOP = 32.0, 128.0   # radiance code: ln(1 + 32 I) / ln(1 + 32 * 12
 LOG_SCALE = 1.0 / math.log1p(LOG_GAIN * LOG_TOP)
 RADIANCE_MAX = 65504.0
 STEP = 16.0                       # codes per unit of a logit
-CONFIDENCE, BLEND, ALBEDO = 25, 26, 27  # channels of a head after the 25 logits
+PARTS = [TAPS, 1, 1]              # channels of a head: logits, confidence, blend;
+FULL_PARTS = [*PARTS, TAPS]       # at full resolution also the logits of the albedo's kernel
 HEAD_WIDTHS = (52, 27, 27, 27, 27)
 
 
@@ -41,21 +42,9 @@ def parse_heads(text: str, net: str) -> list[Head]:
     return [Head(p[1], p[2], int(p[3])) for p in parts if p[0] == net]
 
 
-class _Round(torch.autograd.Function):
-    """Rounds to whole 1/255; the gradient passes."""
-
-    @staticmethod
-    def forward(ctx, x: Tensor) -> Tensor:
-        return torch.floor(x * 255.0 + 0.5) / 255.0
-
-    @staticmethod
-    def backward(ctx, g: Tensor) -> Tensor:
-        return g
-
-
 def to_code(x: Tensor) -> Tensor:
     """[0,1] values as codes / 255."""
-    return _Round.apply(x.clamp(0.0, 1.0))
+    return Round.apply(x.clamp(0.0, 1.0) * 255.0) / 255.0
 
 
 def make_input(radiance: Tensor, albedo: Tensor | None, normal: Tensor | None,
@@ -108,7 +97,7 @@ class KernelNet(nn.Module):
             self.add_module(head.name, conv)
 
     def trunk(self, x: Tensor) -> list[Tensor]:
-        """Input codes [N,12,H,W] -> heads by level: logits in 0..255/16, whole 1/16 steps."""
+        """Input codes [N,12,H,W] -> heads by level [N,C,H/2^s,W/2^s], logits before rounding."""
         values = {"input": x}
         for layer in self.net.layers:
             y = values[layer.source]
@@ -120,8 +109,7 @@ class KernelNet(nn.Module):
             values[layer.name] = F.max_pool2d(y, 2) if layer.pool == 2 else y
         heads = [None] * LEVELS
         for head in self.heads:
-            q = getattr(self, head.name)(values[head.source])
-            heads[head.level] = to_code(q * (STEP / 255.0)) * (255.0 / STEP)
+            heads[head.level] = getattr(self, head.name)(values[head.source])
         return heads
 
     def forward(self, codes: Tensor, radiance: Tensor, albedo: Tensor,
@@ -144,24 +132,24 @@ class KernelNet(nn.Module):
 
 def apply_filter(heads: list[Tensor], radiance: Tensor, albedo: Tensor,
                  has_albedo: Tensor) -> Tensor:
-    """docs/kernel-prediction.md, section Filter."""
-    top = 255.0 / STEP
-    one = torch.ones_like(has_albedo)
-    s = kernel_filter(heads[0][:, ALBEDO:ALBEDO + TAPS] - top, torch.cat((one, albedo), 1))
+    """docs/kernel-prediction.md, section Filter. A factor common to all weights cancels, so logits
+    are taken as they are where the integer engine subtracts their largest."""
+    parts = [split_codes(q, PARTS if level else FULL_PARTS, STEP) for level, q in enumerate(heads)]
+    s = kernel_filter(parts[0][3], torch.cat((torch.ones_like(has_albedo), albedo), 1))
     smooth = s[:, 1:] / s[:, :1]
     smooth = smooth * has_albedo + (1.0 - EPS) * (1.0 - has_albedo) + EPS
     i = radiance.clamp(0.0, RADIANCE_MAX) / smooth
     filtered = []
     for level in range(LEVELS):
-        c = torch.exp(heads[level][:, CONFIDENCE:CONFIDENCE + 1] - top)
+        c = torch.exp(parts[level][1] - 255.0 / STEP)
         v = torch.cat((c, c * i), 1)
-        s = kernel_filter(heads[level][:, :TAPS] - top, v)
+        s = kernel_filter(parts[level][0], v)
         filtered.append(s[:, 1:] / s[:, :1])
         if level + 1 < LEVELS:
             pooled = F.avg_pool2d(v, 2)
             i = pooled[:, 1:] / pooled[:, :1]
     out = filtered[-1]
     for level in range(LEVELS - 2, -1, -1):
-        beta = torch.sigmoid(heads[level][:, BLEND:BLEND + 1] - 8.0)
+        beta = torch.sigmoid(parts[level][2] - 8.0)
         out = filtered[level] + beta * (upsample(out) - filtered[level])
     return out * smooth

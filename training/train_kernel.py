@@ -26,7 +26,7 @@ from export.tza import write_weights
 from training import color, errors, nets
 from training.data import Augment, Batches, from_raw
 from training.errors import DATA, OUTPUT, USAGE, ToolError
-from training.kernel_net import KernelNet, mixed_input, parse_heads
+from training.kernel_net import KernelNet, apply_filter, mixed_input, parse_heads
 from training.scan import scan
 
 FEATURES = ["hdr", "alb", "nrm"]
@@ -51,6 +51,7 @@ class Config:
     blend_target: float = 0.15
     mix_clean_aux: float = 0.15
     normal_signs: float = 0.5
+    bf16: bool = False            # convolutions in bfloat16; pays on CPUs that multiply it
     seed: int = 1
 
 
@@ -117,9 +118,11 @@ def mutate(x: Tensor, y: Tensor, config: Config, rng: np.random.Generator) -> Ti
                  has_normal * plane, clipped * plane)
 
 
-def run(net: KernelNet, t: Tiles) -> Tensor:
+def run(net: KernelNet, t: Tiles, bf16: bool = False) -> Tensor:
     codes = mixed_input(t.radiance, t.albedo, t.normal, t.has_albedo, t.has_normal, t.clipped)
-    return net(codes, t.radiance, t.albedo, t.has_albedo)
+    with torch.autocast("cpu", torch.bfloat16, enabled=bf16):
+        heads = net.trunk(codes)
+    return apply_filter(heads, t.radiance, t.albedo, t.has_albedo)
 
 
 def loss_of(out: Tensor, target: Tensor) -> Tensor:
@@ -149,7 +152,7 @@ def train(net: KernelNet, batches: Batches, config: Config, seconds: float) -> t
         for group in optimizer.param_groups:
             group["lr"] = rate(config, done)
         tiles = mutate(*batches[step], config, rng)
-        loss = loss_of(run(net, tiles), tiles.target)
+        loss = loss_of(run(net, tiles, config.bf16), tiles.target)
         optimizer.zero_grad()
         loss.backward()
         torch.nn.utils.clip_grad_norm_(net.parameters(), 1.0)

@@ -47,6 +47,25 @@ def test_fused_filter_equals_the_plain_one_and_its_gradient():
     assert torch.autograd.gradcheck(kernel_filter._Fused.apply, (logits, v))
 
 
+def test_fused_split_equals_the_plain_one_and_its_gradient(monkeypatch):
+    if kernel_filter.fused_module() is None:
+        pytest.skip("optional: no C++ compiler for the fused operation")
+    torch.manual_seed(0)
+    q = torch.randn(2, 7, 5, 6) * 12 + 8
+    weights = [torch.randn(2, n, 5, 6) for n in (4, 1, 2)]
+    results = []
+    for fused in (True, False):
+        if not fused:
+            monkeypatch.setattr(kernel_filter, "fused_module", lambda: None)
+        x = q.clone().requires_grad_()
+        parts = kernel_filter.split_codes(x, [4, 1, 2], 16.0)
+        sum((p * w).sum() for p, w in zip(parts, weights, strict=True)).backward()
+        results.append((torch.cat(parts, 1).detach(), x.grad))
+    assert torch.equal(results[0][0], results[1][0])
+    torch.testing.assert_close(results[0][1], results[1][1])
+    assert (results[0][1] == 0).any() and (results[0][1] != 0).any()
+
+
 def test_filter_of_torch_equals_the_reference():
     """Same heads, same picture: PyTorch's filter and the bit-exact one differ by rounding only."""
     rng = np.random.default_rng(2)

@@ -1,7 +1,13 @@
-// Sums of a 5x5 kernel per pixel: out[c](p) = sum_k exp(l[k](p)) v[c](p + k), zeros outside, and its
-// derivatives. Planar rows, one tap at a time, so that the inner loops run over x and vectorise.
+// The operations of family K that are slow as chains of PyTorch's, with their derivatives.
+//
+// forward, backward: sums of a 5x5 kernel per pixel, out[c](p) = sum_k exp(l[k](p)) v[c](p + k), zeros
+// outside. Planar rows, one tap at a time, so that the inner loops run over x and vectorise.
+//
+// split, join: the channels of a head, [N,H,W,C] as a convolution leaves them, rounded to whole codes
+// and taken apart into planar tensors.
 #include <torch/extension.h>
 
+#include <algorithm>
 #include <cmath>
 #include <vector>
 
@@ -70,9 +76,49 @@ void backward_image(const Shape &s, const T *l, const T *v, const T *g, T *gl, T
                     gs[x] += e[x] * go[x];
                 }
             }
+            for (int64_t x = 0; x < x0; x++)
+                glk[x] = 0;
             for (int64_t x = x0; x < x1; x++)
                 glk[x] = e[x] * d[x];
+            for (int64_t x = x1; x < s.w; x++)
+                glk[x] = 0;
         });
+    for (int64_t k = 0; k < kTaps; k++)  // rows whose tap lies outside
+        for (int64_t y = 0; y < s.h; y++) {
+            const int64_t ys = y + k / kSide - kRadius;
+            if (ys < 0 || ys >= s.h)
+                std::fill_n(gl + (n * kTaps + k) * plane + y * s.w, s.w, T(0));
+        }
+}
+
+// A head's q [N,C,H,W] in channels-last memory to code c = floor(clamp(q * step / 255) * 255 + 0.5),
+// of which channels first..first+count go, as c / step, to out [N,count,H,W].
+template <typename Q>
+void split_row(const Q *q, float *out, int64_t w, int64_t c, int64_t first, int64_t count,
+               int64_t plane, float step) {
+    for (int64_t k = 0; k < count; k++) {
+        float *o = out + k * plane;
+        const Q *p = q + first + k;
+        for (int64_t x = 0; x < w; x++) {
+            const float v = std::min(std::max(float(p[x * c]) * step, 0.0f), 255.0f);
+            o[x] = std::floor(v + 0.5f) / step;
+        }
+    }
+}
+
+// The gradient passes where the code was not clamped.
+template <typename Q>
+void join_row(const Q *q, const float *g, Q *gq, int64_t w, int64_t c, int64_t first, int64_t count,
+              int64_t plane, float step) {
+    for (int64_t k = 0; k < count; k++) {
+        const float *go = g + k * plane;
+        const Q *p = q + first + k;
+        Q *o = gq + first + k;
+        for (int64_t x = 0; x < w; x++) {
+            const float v = float(p[x * c]) * step;
+            o[x * c] = Q(v >= 0.0f && v <= 255.0f ? go[x] : 0.0f);
+        }
+    }
 }
 
 }  // namespace
@@ -92,7 +138,7 @@ torch::Tensor forward(torch::Tensor l, torch::Tensor v) {
 
 std::vector<torch::Tensor> backward(torch::Tensor l, torch::Tensor v, torch::Tensor g) {
     const Shape s = check(l, v);
-    torch::Tensor gl = torch::zeros_like(l), gv = torch::zeros_like(v);
+    torch::Tensor gl = torch::empty_like(l), gv = torch::zeros_like(v);
     g = g.contiguous();
     AT_DISPATCH_FLOATING_TYPES(v.scalar_type(), "kernel_filter_backward", [&] {
         at::parallel_for(0, s.n, 1, [&](int64_t begin, int64_t end) {
@@ -105,7 +151,53 @@ std::vector<torch::Tensor> backward(torch::Tensor l, torch::Tensor v, torch::Ten
     return {gl, gv};
 }
 
+std::vector<torch::Tensor> split(torch::Tensor q, std::vector<int64_t> counts, double step) {
+    TORCH_CHECK(q.dim() == 4 && q.is_contiguous(at::MemoryFormat::ChannelsLast), "q is channels-last");
+    const int64_t n = q.size(0), c = q.size(1), h = q.size(2), w = q.size(3);
+    std::vector<torch::Tensor> parts;
+    for (int64_t count : counts)
+        parts.push_back(torch::empty({n, count, h, w}, q.options().dtype(torch::kFloat)));
+    AT_DISPATCH_FLOATING_TYPES_AND(at::kBFloat16, q.scalar_type(), "split_head", [&] {
+        const scalar_t *in = q.data_ptr<scalar_t>();
+        at::parallel_for(0, n * h, 8, [&](int64_t begin, int64_t end) {
+            for (int64_t row = begin; row < end; row++)
+                for (size_t i = 0, first = 0; i < counts.size(); first += counts[i++])
+                    split_row(in + row * w * c,
+                              parts[i].data_ptr<float>() +
+                                  (row / h * counts[i] * h + row % h) * w,
+                              w, c, first, counts[i], h * w, float(step));
+        });
+    });
+    return parts;
+}
+
+torch::Tensor join(torch::Tensor q, std::vector<torch::Tensor> grads, double step) {
+    const int64_t n = q.size(0), c = q.size(1), h = q.size(2), w = q.size(3);
+    torch::Tensor gq = torch::empty_like(q);
+    for (torch::Tensor &g : grads)
+        g = g.contiguous();
+    AT_DISPATCH_FLOATING_TYPES_AND(at::kBFloat16, q.scalar_type(), "join_head", [&] {
+        const scalar_t *in = q.data_ptr<scalar_t>();
+        scalar_t *out = gq.data_ptr<scalar_t>();
+        at::parallel_for(0, n * h, 8, [&](int64_t begin, int64_t end) {
+            for (int64_t row = begin; row < end; row++) {
+                int64_t first = 0;
+                for (const torch::Tensor &g : grads) {
+                    const int64_t count = g.size(1);
+                    join_row(in + row * w * c,
+                             g.data_ptr<float>() + (row / h * count * h + row % h) * w,
+                             out + row * w * c, w, c, first, count, h * w, float(step));
+                    first += count;
+                }
+            }
+        });
+    });
+    return gq;
+}
+
 PYBIND11_MODULE(TORCH_EXTENSION_NAME, m) {
     m.def("forward", &forward);
     m.def("backward", &backward);
+    m.def("split", &split);
+    m.def("join", &join);
 }
