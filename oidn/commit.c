@@ -69,8 +69,6 @@ static bool check_combination(OIDNFilter filter, unsigned features, lull_fault *
         why = "a normal image alone can be neither hdr nor srgb";
     else if (features == (LULL_HAS_ALBEDO | LULL_HAS_NORMAL))
         why = "albedo and normal images need a color image";
-    else if (features == (LULL_HAS_COLOR | LULL_HAS_NORMAL) && !filter->weights_bytes)
-        why = "a normal image needs an albedo image beside it";
     if (why)
         return lull_fail(fault, OIDN_ERROR_INVALID_OPERATION,
                          "unsupported combination of inputs: %s", why);

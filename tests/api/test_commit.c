@@ -33,6 +33,8 @@ static const commit_row commits[] = {
     {"RT", F3, F3, F3, F3, "s", 0, NONE},
     {"RT", F3, F3, F3, F3, "hc", 0, NONE},
     {"RT", F3, F3, F3, F3, "c", 0, NONE},
+    {"RT", F3, 0, F3, F3, "", 0, NONE}, /* more than Open Image Denoise has a model for */
+    {"RT", F3, 0, F3, F3, "h", 0, NONE},
     {"RT", 0, F3, 0, F3, "", 0, NONE},
     {"RT", 0, F3, 0, F3, "s", 0, NONE},
     {"RT", 0, 0, F3, F3, "", 0, NONE},
@@ -47,8 +49,6 @@ static const commit_row commits[] = {
     {"RT", 0, 0, F3, F3, "s", 0, OPERATION},
     {"RT", 0, F3, F3, F3, "", 0, OPERATION},
     {"RT", 0, F3, F3, F3, "h", 0, OPERATION},
-    {"RT", F3, 0, F3, F3, "", 0, OPERATION},
-    {"RT", F3, 0, F3, F3, "h", 0, OPERATION},
     /* formats */
     {"RT", F1, 0, 0, F1, "", 0, NONE},
     {"RT", F2, 0, 0, F2, "h", 0, NONE},

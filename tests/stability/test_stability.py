@@ -1,0 +1,167 @@
+"""The built-in models where denoisers fail: extremes of light, broken input, wrong features."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.apps import tools
+
+QUALITIES = ("fast", "balanced", "high")
+
+
+def scene(seed: int = 1) -> dict[str, np.ndarray]:
+    return tools.scene(112, 144, seed)
+
+
+def inputs(frame: dict[str, np.ndarray], *left_out: str) -> dict[str, np.ndarray]:
+    return {k: v for k, v in frame.items() if k != "clean" and k not in left_out}
+
+
+def psnr(image: np.ndarray, clean: np.ndarray) -> float:
+    """Of tone-mapped values in [0,1)."""
+    a, b = (np.maximum(v, 0) / (1 + np.maximum(v, 0)) for v in (image, clean))
+    return float(-10 * np.log10(np.mean((a - b) ** 2)))
+
+
+@pytest.mark.parametrize("quality", QUALITIES)
+@pytest.mark.parametrize("value", [1e-6, 0.02, 1.0, 700.0])
+def test_constant_images_come_back(clean_up, quality, value):
+    color = np.full((40, 56, 3), value, np.float32) * np.float32([1, 0.5, 0.25])
+    flat = {"color": color, "albedo": np.full_like(color, 0.6),
+            "normal": np.full_like(color, 0.57)}
+    for images in (flat, {"color": color}):
+        np.testing.assert_allclose(clean_up(images, quality), color, rtol=1e-5)
+
+
+def test_black_stays_black(clean_up):
+    frame = inputs(scene())
+    frame["color"] = np.zeros_like(frame["color"])
+    assert np.all(clean_up(frame) == 0)
+
+
+@pytest.mark.parametrize("quality", QUALITIES)
+def test_the_output_has_the_light_of_its_input(clean_up, quality):
+    frame = scene()
+    for images in (inputs(frame), inputs(frame, "albedo", "normal")):
+        images["color"] = frame["clean"]
+        assert clean_up(images, quality).mean() == pytest.approx(frame["clean"].mean(), rel=0.01)
+
+
+@pytest.mark.parametrize("quality", QUALITIES)
+def test_clean_input_is_not_harmed(clean_up, quality):
+    """Its error is far below that of the noisy picture's best result."""
+    frame = scene()
+    denoised = psnr(clean_up(inputs(frame), quality), frame["clean"])
+    for left_out in ((), ("normal",), ("albedo", "normal")):
+        images = inputs(frame, *left_out)
+        images["color"] = frame["clean"]
+        assert psnr(clean_up(images, quality), frame["clean"]) > max(denoised, 36.0)
+
+
+@pytest.mark.parametrize("quality", QUALITIES)
+@pytest.mark.parametrize("left_out", [(), ("normal",), ("albedo",), ("albedo", "normal")])
+def test_noise_goes(clean_up, quality, left_out):
+    frame = scene()
+    before = psnr(frame["color"], frame["clean"])
+    after = psnr(clean_up(inputs(frame, *left_out), quality), frame["clean"])
+    assert after > before + 4
+
+
+@pytest.mark.parametrize("stops", [-20, -9, 9, 14])
+def test_exposure_changes_nothing_but_scale(clean_up, stops):
+    frame = inputs(scene())
+    expected = clean_up(frame)
+    frame["color"] = frame["color"] * np.float32(2.0**stops)
+    scaled = clean_up(frame) / 2.0**stops
+    assert np.abs(scaled - expected).mean() < 2e-3 * expected.mean()
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, -3.0, 3e38])
+def test_broken_pixels_stay_where_they_are(clean_up, value):
+    frame = inputs(scene())
+    expected = clean_up(frame)
+    frame["color"] = frame["color"].copy()
+    frame["color"][50, 60, 1] = value
+    out = clean_up(frame)
+    assert np.isfinite(out).all() and (out >= 0).all()
+    far = np.ones(out.shape[:2], bool)
+    far[50 - 48:50 + 49, 60 - 48:60 + 49] = False
+    assert np.abs(out - expected)[far].mean() < 0.02 * expected.mean()
+
+
+def test_fireflies_go(clean_up):
+    frame = scene()
+    images = inputs(frame)
+    rng = np.random.default_rng(3)
+    hot = rng.random(frame["color"].shape[:2]) < 0.002
+    images["color"] = np.where(hot[..., None], frame["color"] * 300, frame["color"])
+    out = clean_up(images)
+    assert psnr(out, frame["clean"]) > psnr(frame["color"], frame["clean"]) + 3
+    assert out.mean() < 1.15 * frame["clean"].mean() < images["color"].mean()
+
+
+def wrong_features() -> dict[str, dict[str, np.ndarray]]:
+    frame = scene()
+    shape = frame["albedo"].shape
+    rng = np.random.default_rng(4)
+    return {
+        "encoded normals": {"normal": frame["normal"] * 0.5 + 0.5},
+        "black albedo": {"albedo": np.zeros(shape, np.float32)},
+        "white albedo": {"albedo": np.ones(shape, np.float32)},
+        "albedo beyond 1": {"albedo": frame["albedo"] * 40},
+        "NaN normals": {"normal": np.full(shape, np.nan, np.float32)},
+        "noisy albedo": {"albedo": (frame["albedo"] * rng.uniform(0.4, 1.6, shape)).astype("f4")},
+        "shifted": {k: np.roll(frame[k], 3, 1) for k in ("albedo", "normal")},
+        "another picture's": {k: scene(9)[k] for k in ("albedo", "normal")},
+    }
+
+
+@pytest.mark.parametrize("case", wrong_features())
+def test_wrong_features_do_not_make_it_worse_than_the_input(clean_up, case):
+    frame = scene()
+    out = clean_up(inputs(frame) | wrong_features()[case])
+    assert psnr(out, frame["clean"]) > psnr(frame["color"], frame["clean"])
+
+
+def test_correlated_noise_is_not_sharpened(clean_up):
+    """A pixel filter of two pixels' radius spreads every sample over its neighbours."""
+    frame = scene()
+    noise = frame["color"] / np.maximum(frame["clean"], 1e-6) - 1
+    for axis in (0, 1):
+        noise = sum(np.roll(noise, s, axis) * w for s, w in
+                    zip(range(-2, 3), (0.06, 0.24, 0.4, 0.24, 0.06), strict=True))
+    images = inputs(frame) | {"color": (frame["clean"] * (1 + 2 * noise)).astype(np.float32)}
+    assert psnr(clean_up(images), frame["clean"]) > psnr(images["color"], frame["clean"])
+
+
+def test_frames_of_an_animation_agree(clean_up):
+    """Other noise, same picture: what flickers is a small part of the noise."""
+    frame = scene()
+    frames = []
+    for seed in (1, 2):
+        rng = np.random.default_rng(seed)
+        noise = rng.gamma(4.0, 0.25, (*frame["clean"].shape[:2], 1))
+        color = (frame["clean"] * noise).astype(np.float32)
+        frames.append((color, clean_up(inputs(frame) | {"color": color})))
+    before, after = (np.sqrt(np.mean((a - b) ** 2)) for a, b in zip(*frames, strict=True))
+    assert after < 0.4 * before
+
+
+@pytest.mark.parametrize("quality", QUALITIES)
+@pytest.mark.parametrize("size", [(1, 1), (1, 70), (70, 1), (2, 3), (15, 17), (17, 33), (33, 16)])
+def test_any_size(clean_up, quality, size):
+    h, w = size
+    frame = {k: v[:h, :w] for k, v in inputs(scene()).items()}
+    out = clean_up(frame, quality)
+    assert out.shape == frame["color"].shape and np.isfinite(out).all()
+    assert out.min() >= 0 and out.max() <= frame["color"].max() * 1.5
+
+
+def test_a_crop_is_the_picture_away_from_its_border(clean_up):
+    """Multiples of 16 keep the pooling grid; the exposure is nearly that of the whole."""
+    frame = inputs(scene())
+    whole = clean_up(frame)
+    part = clean_up({k: v[16:, 32:] for k, v in frame.items()})
+    inner = np.abs(part - whole[16:, 32:])[32:, 32:]
+    assert inner.mean() < 0.02 * whole.mean()
