@@ -32,12 +32,12 @@ typedef struct finish {
     uint8_t spare[384];
 } finish;
 
-LULL_INLINE void finish_init(finish *f, const tile_row *row)
+LULL_INLINE void finish_init(finish *f, const tile_row *row, unsigned vectors)
 {
     const int32_t *m = row->conv->multiplier + row->first;
     f->even0 = _mm256_slli_epi32(load(m), 1);
     f->odd0 = _mm256_srli_epi64(f->even0, 32);
-    f->even1 = _mm256_slli_epi32(load(row->n > LANES ? m + LANES : m), 1);
+    f->even1 = _mm256_slli_epi32(load(vectors > 1 ? m + LANES : m), 1);
     f->odd1 = _mm256_srli_epi64(f->even1, 32);
     f->max = row->conv->out_max;
     f->size = f->max <= 255 ? 1 : 2;
@@ -99,13 +99,14 @@ LULL_INLINE void store_wide(const finish *f, unsigned i, vec a, vec b)
     _mm256_storeu_si256((__m256i *)(void *)(f->to + i * f->step), q);
 }
 
-LULL_INLINE void finish_2(const finish *f, unsigned i, unsigned j, vec a, vec b, vec c, vec d)
+LULL_INLINE void finish_2(const finish *f, int is_narrow, unsigned i, unsigned j, vec a, vec b,
+                          vec c, vec d)
 {
     a = requantise(a, f->even0, f->odd0);
     b = requantise(b, f->even1, f->odd1);
     c = requantise(c, f->even0, f->odd0);
     d = requantise(d, f->even1, f->odd1);
-    if (f->max <= 255) {
+    if (is_narrow) {
         vec q = _mm256_packus_epi16(_mm256_packs_epi32(a, b), _mm256_packs_epi32(c, d));
         q = _mm256_permutevar8x32_epi32(q, _mm256_setr_epi32(0, 4, 1, 5, 2, 6, 3, 7));
         q = _mm256_min_epu8(q, _mm256_set1_epi8((char)f->max));
@@ -117,12 +118,12 @@ LULL_INLINE void finish_2(const finish *f, unsigned i, unsigned j, vec a, vec b,
     }
 }
 
-LULL_INLINE void finish_1(const finish *f, unsigned i, unsigned j, vec a, vec b)
+LULL_INLINE void finish_1(const finish *f, int is_narrow, unsigned i, unsigned j, vec a, vec b)
 {
     uint8_t *to = f->to + i * f->step, *next = f->to + j * f->step;
     a = requantise(a, f->even0, f->odd0);
     b = requantise(b, f->even0, f->odd0);
-    if (f->max <= 255) {
+    if (is_narrow) {
         vec pairs = _mm256_packs_epi32(a, b); /* a0-3 b0-3, a4-7 b4-7 */
         __m128i q = _mm_packus_epi16(_mm256_castsi256_si128(pairs),
                                      _mm256_extracti128_si256(pairs, 1));

@@ -21,13 +21,13 @@ LULL_INLINE vec shift(vec a, unsigned n) { return _mm512_sra_epi32(a, _mm_cvtsi3
 
 /* Where and how the pixels of a tile are stored. */
 typedef struct finish {
-    const int32_t *multiplier;
+    vec even[4], odd[4]; /* twice the multipliers, those of odd lanes in even ones */
     uint8_t *to;
     size_t step; /* bytes */
     int32_t max;
-    unsigned size; /* bytes of an output */
-    __mmask64 narrow;        /* bytes of narrow outputs */
-    __mmask32 wide0, wide1;  /* wide outputs: the first 32 and the others */
+    unsigned size;          /* bytes of an output */
+    __mmask64 narrow;       /* bytes of narrow outputs */
+    __mmask32 wide0, wide1; /* wide outputs: the first 32 and the others */
 } finish;
 
 /* The first n of `lanes` lanes. */
@@ -36,9 +36,12 @@ LULL_INLINE uint64_t first_lanes(unsigned n, unsigned lanes)
     return n >= lanes ? ~(uint64_t)0 >> (64 - lanes) : ((uint64_t)1 << n) - 1;
 }
 
-LULL_INLINE void finish_init(finish *f, const tile_row *row)
+LULL_INLINE void finish_init(finish *f, const tile_row *row, unsigned vectors)
 {
-    f->multiplier = row->conv->multiplier + row->first;
+    for (unsigned i = 0; i < vectors; i++) {
+        f->even[i] = _mm512_slli_epi32(load(row->conv->multiplier + row->first + i * LANES), 1);
+        f->odd[i] = _mm512_srli_epi64(f->even[i], 32);
+    }
     f->max = row->conv->out_max;
     f->size = f->max <= 255 ? 1 : 2;
     f->step = f->size * row->conv->out_step;
@@ -61,68 +64,121 @@ LULL_INLINE void finish_end(const finish *f, const tile_row *row, unsigned p, un
 LULL_INLINE vec requantise(const finish *f, vec a, unsigned vector)
 {
     const vec half = _mm512_set1_epi64((long long)1 << 31);
-    vec even = _mm512_slli_epi32(load(f->multiplier + vector * LANES), 1);
-    vec q0 = _mm512_add_epi64(_mm512_mul_epi32(a, even), half);
-    vec q1 = _mm512_mul_epi32(_mm512_srli_epi64(a, 32), _mm512_srli_epi64(even, 32));
+    vec q0 = _mm512_add_epi64(_mm512_mul_epi32(a, f->even[vector]), half);
+    vec q1 = _mm512_mul_epi32(_mm512_srli_epi64(a, 32), f->odd[vector]);
     q1 = _mm512_add_epi64(q1, half);
-    return _mm512_mask_blend_epi32(0xaaaa, _mm512_srli_epi64(q0, 32), q1);
+    return _mm512_mask_shuffle_epi32(q1, 0x5555, q0, _MM_PERM_DDBB);
 }
 
-/* Four vectors of requantised sums. Packing works within 128 bits: the dwords of the result are
- * then put in order. */
-LULL_INLINE void store(const finish *f, unsigned i, vec a, vec b, vec c, vec d)
+/* Four vectors of requantised sums as bytes. Packing works within 128 bits: the dwords of the
+ * result are then put in order. */
+LULL_INLINE vec pack(const finish *f, vec a, vec b, vec c, vec d)
 {
+    const vec order = _mm512_setr_epi32(0, 4, 8, 12, 1, 5, 9, 13, 2, 6, 10, 14, 3, 7, 11, 15);
+    vec q = _mm512_packus_epi16(_mm512_packs_epi32(a, b), _mm512_packs_epi32(c, d));
+    q = _mm512_min_epu8(q, _mm512_set1_epi8((char)f->max));
+    return _mm512_permutexvar_epi32(order, q);
+}
+
+/* One pixel's vectors as 16-bit words. */
+LULL_INLINE void store_wide(const finish *f, unsigned i, vec a, vec b, vec c, vec d,
+                            unsigned vectors)
+{
+    const vec order = _mm512_setr_epi64(0, 2, 4, 6, 1, 3, 5, 7);
+    vec max = _mm512_set1_epi16((short)f->max);
+    vec q = _mm512_min_epu16(_mm512_packus_epi32(a, b), max);
     uint8_t *to = f->to + i * f->step;
-    if (f->max <= 255) {
-        const vec order = _mm512_setr_epi32(0, 4, 8, 12, 1, 5, 9, 13, 2, 6, 10, 14, 3, 7, 11, 15);
-        vec q = _mm512_packus_epi16(_mm512_packs_epi32(a, b), _mm512_packs_epi32(c, d));
-        q = _mm512_min_epu8(q, _mm512_set1_epi8((char)f->max));
-        _mm512_mask_storeu_epi8(to, f->narrow, _mm512_permutexvar_epi32(order, q));
+    _mm512_mask_storeu_epi16(to, f->wide0, _mm512_permutexvar_epi64(order, q));
+    if (vectors < 3)
+        return;
+    q = _mm512_min_epu16(_mm512_packus_epi32(c, d), max);
+    _mm512_mask_storeu_epi16(to + 64, f->wide1, _mm512_permutexvar_epi64(order, q));
+}
+
+#define Q(v, n) requantise(f, v, n)
+
+LULL_INLINE void finish_4(const finish *f, int is_narrow, unsigned i, unsigned j, vec ai, vec bi,
+                          vec ci, vec di, vec aj, vec bj, vec cj, vec dj)
+{
+    if (is_narrow) {
+        _mm512_mask_storeu_epi8(f->to + i * f->step, f->narrow,
+                                pack(f, Q(ai, 0), Q(bi, 1), Q(ci, 2), Q(di, 3)));
+        _mm512_mask_storeu_epi8(f->to + j * f->step, f->narrow,
+                                pack(f, Q(aj, 0), Q(bj, 1), Q(cj, 2), Q(dj, 3)));
     } else {
-        const vec order = _mm512_setr_epi64(0, 2, 4, 6, 1, 3, 5, 7);
-        vec max = _mm512_set1_epi16((short)f->max);
-        vec q0 = _mm512_min_epu16(_mm512_packus_epi32(a, b), max);
-        vec q1 = _mm512_min_epu16(_mm512_packus_epi32(c, d), max);
-        _mm512_mask_storeu_epi16(to, f->wide0, _mm512_permutexvar_epi64(order, q0));
-        if (f->wide1)
-            _mm512_mask_storeu_epi16(to + 64, f->wide1, _mm512_permutexvar_epi64(order, q1));
+        store_wide(f, i, Q(ai, 0), Q(bi, 1), Q(ci, 2), Q(di, 3), 4);
+        store_wide(f, j, Q(aj, 0), Q(bj, 1), Q(cj, 2), Q(dj, 3), 4);
     }
 }
 
-LULL_INLINE void finish_pixel(const finish *f, unsigned i, vec a, vec b, vec c, vec d,
-                              unsigned vectors)
+LULL_INLINE void finish_3(const finish *f, int is_narrow, unsigned i, unsigned j, vec ai, vec bi,
+                          vec ci, vec aj, vec bj, vec cj)
 {
-    store(f, i, requantise(f, a, 0), vectors > 1 ? requantise(f, b, 1) : zero(),
-          vectors > 2 ? requantise(f, c, 2) : zero(), vectors > 3 ? requantise(f, d, 3) : zero());
+    if (is_narrow) {
+        _mm512_mask_storeu_epi8(f->to + i * f->step, f->narrow,
+                                pack(f, Q(ai, 0), Q(bi, 1), Q(ci, 2), zero()));
+        _mm512_mask_storeu_epi8(f->to + j * f->step, f->narrow,
+                                pack(f, Q(aj, 0), Q(bj, 1), Q(cj, 2), zero()));
+    } else {
+        store_wide(f, i, Q(ai, 0), Q(bi, 1), Q(ci, 2), zero(), 3);
+        store_wide(f, j, Q(aj, 0), Q(bj, 1), Q(cj, 2), zero(), 3);
+    }
 }
 
-LULL_INLINE void finish_4(const finish *f, unsigned i, unsigned j, vec ai, vec bi, vec ci, vec di,
-                          vec aj, vec bj, vec cj, vec dj)
+LULL_INLINE void finish_2(const finish *f, int is_narrow, unsigned i, unsigned j, vec ai, vec bi,
+                          vec aj, vec bj)
 {
-    finish_pixel(f, i, ai, bi, ci, di, 4);
-    finish_pixel(f, j, aj, bj, cj, dj, 4);
+    ai = Q(ai, 0), bi = Q(bi, 1), aj = Q(aj, 0), bj = Q(bj, 1);
+    if (is_narrow) {
+        vec q = pack(f, ai, bi, aj, bj);
+        _mm256_mask_storeu_epi8(f->to + i * f->step, (__mmask32)f->narrow,
+                                _mm512_castsi512_si256(q));
+        _mm256_mask_storeu_epi8(f->to + j * f->step, (__mmask32)f->narrow,
+                                _mm512_extracti64x4_epi64(q, 1));
+    } else {
+        store_wide(f, i, ai, bi, zero(), zero(), 2);
+        store_wide(f, j, aj, bj, zero(), zero(), 2);
+    }
 }
 
-LULL_INLINE void finish_3(const finish *f, unsigned i, unsigned j, vec ai, vec bi, vec ci, vec aj,
-                          vec bj, vec cj)
+/* Four pixels. */
+LULL_INLINE void finish_four(const finish *f, int is_narrow, unsigned i, vec a, vec b, vec c,
+                             vec d)
 {
-    finish_pixel(f, i, ai, bi, ci, ci, 3);
-    finish_pixel(f, j, aj, bj, cj, cj, 3);
+    a = Q(a, 0), b = Q(b, 0), c = Q(c, 0), d = Q(d, 0);
+    if (is_narrow) {
+        vec q = pack(f, a, b, c, d);
+        uint8_t *to = f->to + i * f->step;
+        __mmask16 mask = (__mmask16)f->narrow;
+        if (f->step == LANES && mask == 0xffff) {
+            _mm512_storeu_si512(to, q);
+            return;
+        }
+        _mm_mask_storeu_epi8(to, mask, _mm512_castsi512_si128(q));
+        _mm_mask_storeu_epi8(to + f->step, mask, _mm512_extracti32x4_epi32(q, 1));
+        _mm_mask_storeu_epi8(to + 2 * f->step, mask, _mm512_extracti32x4_epi32(q, 2));
+        _mm_mask_storeu_epi8(to + 3 * f->step, mask, _mm512_extracti32x4_epi32(q, 3));
+    } else {
+        store_wide(f, i, a, zero(), zero(), zero(), 1);
+        store_wide(f, i + 1, b, zero(), zero(), zero(), 1);
+        store_wide(f, i + 2, c, zero(), zero(), zero(), 1);
+        store_wide(f, i + 3, d, zero(), zero(), zero(), 1);
+    }
 }
 
-LULL_INLINE void finish_2(const finish *f, unsigned i, unsigned j, vec ai, vec bi, vec aj, vec bj)
+/* A lone pixel. */
+LULL_INLINE void finish_1(const finish *f, int is_narrow, unsigned i, unsigned j, vec a, vec b)
 {
-    finish_pixel(f, i, ai, bi, bi, bi, 2);
-    finish_pixel(f, j, aj, bj, bj, bj, 2);
+    (void)j, (void)b;
+    a = Q(a, 0);
+    if (is_narrow)
+        _mm_mask_storeu_epi8(f->to + i * f->step, (__mmask16)f->narrow,
+                             _mm512_castsi512_si128(pack(f, a, zero(), zero(), zero())));
+    else
+        store_wide(f, i, a, zero(), zero(), zero(), 1);
 }
 
-LULL_INLINE void finish_1(const finish *f, unsigned i, unsigned j, vec ai, vec aj)
-{
-    finish_pixel(f, i, ai, ai, ai, ai, 1);
-    if (j != i)
-        finish_pixel(f, j, aj, aj, aj, aj, 1);
-}
-
+#define FINISH_FOUR
 #define TILE tile_4
 #define VECTORS 4
 #define PIXELS 6

@@ -7,22 +7,25 @@
  *   splat_int(i), shift(a, n)            arithmetic shift to the right
  *   DOT_NARROW(sum, x, w)                sum += 4 products of u8 x and s8 w in every lane
  *   DOT_WIDE(sum, x, w)                  sum += 2 products of s16 x and s16 w in every lane
- *   finish, finish_init(&f, row)         constants of the requantisation
+ *   finish, finish_init(&f, row, VECTORS) constants of the requantisation
  *   finish_tile(&f, row, p)              before the sums of the tile from pixel p on are stored
- *   finish_<VECTORS>(&f, i, j, ...)      requantises and stores pixels i and j = i + 1 of the tile:
- *                                        the sums of i, then those of j. i = j: one pixel
+ *   finish_<VECTORS>(&f, is_narrow, i, j, ...)
+ *                                        requantises and stores pixels i and j = i + 1 of the tile:
+ *                                        the sums of i, then those of j; i = j: one pixel.
+ *                                        is_narrow: outputs are bytes, else words
+ *   FINISH_FOUR, finish_four(&f, is_narrow, i, ...)
+ *                                        optional: four pixels of one vector
  *   finish_end(&f, row, p, PIXELS)       after the tile
  */
 #include "pixels.h"
 #include "vectors.h"
 
 #define DECLARE(i, base, offset) vec a##i B(, b##i) C(, c##i) D(, d##i);
-#define CLEAR(i, base, offset) a##i = zero(); B(b##i = zero();) C(c##i = zero();) D(d##i = zero();)
-#define BIAS(i, base, offset)         \
-    a##i = load(bias);                \
-    B(b##i = load(bias + LANES);)     \
-    C(c##i = load(bias + 2 * LANES);) \
-    D(d##i = load(bias + 3 * LANES);)
+#define START(i, base, offset)         \
+    a##i = load(start);                \
+    B(b##i = load(start + LANES);)     \
+    C(c##i = load(start + 2 * LANES);) \
+    D(d##i = load(start + 3 * LANES);)
 #define NARROW(i, base, offset)       \
     value = splat((base) + (offset)); \
     DOT_NARROW(a##i, value, v0);      \
@@ -40,58 +43,91 @@
     B(b##i = add(shift(add(b##i, half), count), load(bias + LANES));)     \
     C(c##i = add(shift(add(c##i, half), count), load(bias + 2 * LANES));) \
     D(d##i = add(shift(add(d##i, half), count), load(bias + 3 * LANES));)
-#define STORE(i, j)                                                              \
-    PIXELS_PASTE(finish_, VECTORS)(&f, i, j, a##i B(, b##i) C(, c##i) D(, d##i), \
+#define STORE(is_narrow, i, j)                                      \
+    PIXELS_PASTE(finish_, VECTORS)(&f, is_narrow, i, j, a##i B(, b##i) C(, c##i) D(, d##i), \
                                    a##j B(, b##j) C(, c##j) D(, d##j));
+#define STORE_NARROW(i, j) STORE(1, i, j)
+#define STORE_WIDE(i, j) STORE(0, i, j)
+#if defined(FINISH_FOUR) && VECTORS == 1 && PIXELS == 12
+#define STORE_ALL(is_narrow, LIST)             \
+    finish_four(&f, is_narrow, 0, a0, a1, a2, a3); \
+    finish_four(&f, is_narrow, 4, a4, a5, a6, a7); \
+    finish_four(&f, is_narrow, 8, a8, a9, a10, a11);
+#else
+#define STORE_ALL(is_narrow, LIST) FOR_PAIRS(LIST)
+#endif
 
-#define SEGMENT(ADD)                                                                 \
-    {                                                                                \
-        size_t block = part->block, step = part->step;                               \
-        const uint8_t *w = part->w, *x = part->x + p * step;                         \
-        for (unsigned k = part->length; k; k--, x += 4, w += 4 * LANES) {            \
-            const uint8_t *y = x + 3 * step, *z = x + 6 * step, *t = x + 9 * step;   \
-            vec v0 = load(w) B(, v1 = load(w + block)) C(, v2 = load(w + 2 * block)) \
-                D(, v3 = load(w + 3 * block)), value;                                \
-            FOR_PIXELS(ADD)                                                          \
-            (void)y, (void)z, (void)t, (void)block;                                  \
-        }                                                                            \
+/* Dword number `at` (from 0) of a step of the loop over a run. */
+#define DWORD(ADD, at)                                                                   \
+    {                                                                                    \
+        const uint8_t *x = next + 4 * (at), *y = third + 4 * (at), *z = sixth + 4 * (at), \
+                      *t = ninth + 4 * (at), *v = w + 4 * LANES * (at);                  \
+        vec v0 = load(v) B(, v1 = load(v + block)) C(, v2 = load(v + 2 * block))         \
+            D(, v3 = load(v + 3 * block)), value;                                        \
+        FOR_PIXELS(ADD)                                                                  \
+        (void)y, (void)z, (void)t;                                                       \
+    }
+
+/* A run, two dwords at a time: counting costs cycles that products could use. */
+#define SEGMENT(ADD)                                                                    \
+    {                                                                                   \
+        size_t block = part->block, step = part->step;                                  \
+        unsigned k = part->length;                                                      \
+        const uint8_t *w = part->w, *next = part->x + p * step;                         \
+        const uint8_t *third = next + 3 * step, *sixth = next + 6 * step,               \
+                      *ninth = next + 9 * step;                                         \
+        for (; k > 1; k -= 2) {                                                         \
+            DWORD(ADD, 0)                                                               \
+            DWORD(ADD, 1)                                                               \
+            next += 8, third += 8, sixth += 8, ninth += 8, w += 8 * LANES;              \
+        }                                                                               \
+        if (k)                                                                          \
+            DWORD(ADD, 0)                                                               \
+        (void)block;                                                                    \
     }
 
 static void TILE(const tile_row *row)
 {
+    static const int32_t zeros[4 * LANES] = {0};
     const lull_conv *conv = row->conv;
     const struct tile_part *end = row->part + conv->segments, *narrow = row->part + conv->wide;
     const int32_t *bias = (const int32_t *)conv->bias + row->first;
+    unsigned count = conv->wide ? conv->wide_shift : 0; /* 0: the bias may come first */
+    const int32_t *start = count ? zeros : bias;
     finish f;
-    finish_init(&f, row);
+    finish_init(&f, row, VECTORS);
     FOR_TILES(p, conv, PIXELS)
     {
         const struct tile_part *part = row->part;
         FOR_PIXELS(DECLARE)
-        if (part < narrow) {
-            unsigned count = conv->wide_shift;
+        FOR_PIXELS(START)
+        for (; part < narrow; part++)
+            SEGMENT(WIDE)
+        if (count) {
             vec half = splat_int(1 << count >> 1);
-            FOR_PIXELS(CLEAR)
-            for (; part < narrow; part++)
-                SEGMENT(WIDE)
             FOR_PIXELS(SHIFT)
-        } else {
-            FOR_PIXELS(BIAS)
         }
         for (; part < end; part++)
             SEGMENT(NARROW)
         finish_tile(&f, row, p);
-        FOR_PAIRS(STORE)
+        if (f.size == 1) {
+            STORE_ALL(1, STORE_NARROW)
+        } else {
+            STORE_ALL(0, STORE_WIDE)
+        }
         finish_end(&f, row, p, PIXELS);
     }
 }
 
 #undef DECLARE
-#undef CLEAR
-#undef BIAS
+#undef START
 #undef NARROW
 #undef WIDE
 #undef SHIFT
 #undef STORE
+#undef STORE_NARROW
+#undef STORE_WIDE
+#undef STORE_ALL
 #undef SEGMENT
+#undef DWORD
 #include "vectors_end.h"

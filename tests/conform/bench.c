@@ -46,14 +46,26 @@ static int ascending(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
+/* Zeros, aligned like a model and a plan; freed by forget. */
 static void *memory(size_t bytes)
 {
-    uint8_t *p = calloc(1, bytes + 64);
-    if (!p) {
+    uint8_t *block = calloc(1, bytes + 2 * LULL_ALIGN + 64), *p;
+    if (!block) {
         fprintf(stderr, "bench: no memory\n");
         exit(2);
     }
+    p = block + LULL_ALIGN - (uintptr_t)block % LULL_ALIGN;
+    if ((size_t)(p - block) < sizeof block)
+        p += LULL_ALIGN;
+    memcpy(p - sizeof block, &block, sizeof block);
     return p;
+}
+
+static void forget(const void *p)
+{
+    void *block;
+    memcpy(&block, (const uint8_t *)p - sizeof block, sizeof block);
+    free(block);
 }
 
 /* Multiply-accumulates per second of a peak loop. */
@@ -126,12 +138,12 @@ static void make(lull_conv *conv, const layer *shape, int is_integer, unsigned b
 static void release(lull_conv *conv)
 {
     for (unsigned s = 0; s < conv->segments; s++) {
-        free((void *)(size_t)conv->segment[s].row);
-        free((void *)(size_t)conv->segment[s].weights);
+        forget(conv->segment[s].row);
+        forget(conv->segment[s].weights);
     }
-    free((void *)(size_t)conv->bias);
-    free((void *)(size_t)conv->multiplier);
-    free(conv->out);
+    forget(conv->bias);
+    forget(conv->multiplier);
+    forget(conv->out);
 }
 
 static double conv_speed(void (*kernel)(const lull_conv *), const lull_conv *conv, double macs)
@@ -237,8 +249,8 @@ static unsigned bench_pixels(const char *port, const lull_kernels *kernels,
     BENCH(pool_f32, "32 channels")
     BENCH(pool_u8, "32 channels")
     BENCH(filter5, "25 codes")
-    free(floats);
-    free(bytes);
+    forget(floats);
+    forget(bytes);
     return done;
 }
 

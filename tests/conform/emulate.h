@@ -71,6 +71,16 @@ static inline void emulate_store(void *to, const void *from, uint64_t mask, unsi
         simde__m512i emulate_v = (v);                   \
         emulate_store((to), &emulate_v, (mask), 64, 1); \
     } while (0)
+#define _mm256_mask_storeu_epi8(to, mask, v)            \
+    do {                                                \
+        simde__m256i emulate_v = (v);                   \
+        emulate_store((to), &emulate_v, (mask), 32, 1); \
+    } while (0)
+#define _mm_mask_storeu_epi8(to, mask, v)               \
+    do {                                                \
+        simde__m128i emulate_v = (v);                   \
+        emulate_store((to), &emulate_v, (mask), 16, 1); \
+    } while (0)
 #define _mm512_mask_storeu_epi16(to, mask, v)           \
     do {                                                \
         simde__m512i emulate_v = (v);                   \
@@ -93,6 +103,21 @@ static inline simde__m512i emulate_sra(simde__m512i a, simde__m128i count)
     return a;
 }
 #define _mm512_sra_epi32(a, count) emulate_sra(a, count)
+
+static inline simde__m512i emulate_shuffle(simde__m512i from, unsigned mask, simde__m512i a,
+                                           unsigned order)
+{
+    int32_t lane[16], out[16];
+    memcpy(lane, &a, sizeof lane);
+    memcpy(out, &from, sizeof out);
+    for (unsigned i = 0; i < 16; i++)
+        if (mask >> i & 1)
+            out[i] = lane[(i & ~3u) + (order >> 2 * (i & 3) & 3)];
+    memcpy(&a, out, sizeof out);
+    return a;
+}
+#define _mm512_mask_shuffle_epi32(from, mask, a, order) emulate_shuffle(from, mask, a, order)
+#define _MM_PERM_DDBB 0xf5
 
 /* AVX-VNNI: the operations of AVX512-VNNI on 256 bits. */
 #define _mm256_dpbusd_avx_epi32(sum, x, w) simde_mm256_dpbusd_epi32(sum, x, w)
