@@ -57,33 +57,17 @@
 #define STORE_ALL(is_narrow, LIST) FOR_PAIRS(LIST)
 #endif
 
-/* Dword number `at` (from 0) of a step of the loop over a run. */
-#define DWORD(ADD, at)                                                                   \
-    {                                                                                    \
-        const uint8_t *x = next + 4 * (at), *y = third + 4 * (at), *z = sixth + 4 * (at), \
-                      *t = ninth + 4 * (at), *v = w + 4 * LANES * (at);                  \
-        vec v0 = load(v) B(, v1 = load(v + block)) C(, v2 = load(v + 2 * block))         \
-            D(, v3 = load(v + 3 * block)), value;                                        \
-        FOR_PIXELS(ADD)                                                                  \
-        (void)y, (void)z, (void)t;                                                       \
-    }
-
-/* A run, two dwords at a time: counting costs cycles that products could use. */
-#define SEGMENT(ADD)                                                                    \
-    {                                                                                   \
-        size_t block = part->block, step = part->step;                                  \
-        unsigned k = part->length;                                                      \
-        const uint8_t *w = part->w, *next = part->x + p * step;                         \
-        const uint8_t *third = next + 3 * step, *sixth = next + 6 * step,               \
-                      *ninth = next + 9 * step;                                         \
-        for (; k > 1; k -= 2) {                                                         \
-            DWORD(ADD, 0)                                                               \
-            DWORD(ADD, 1)                                                               \
-            next += 8, third += 8, sixth += 8, ninth += 8, w += 8 * LANES;              \
-        }                                                                               \
-        if (k)                                                                          \
-            DWORD(ADD, 0)                                                               \
-        (void)block;                                                                    \
+#define SEGMENT(ADD)                                                                 \
+    {                                                                                \
+        size_t block = part->block, step = part->step;                               \
+        const uint8_t *w = part->w, *x = part->x + p * step;                         \
+        for (unsigned k = part->length; k; k--, x += 4, w += 4 * LANES) {            \
+            const uint8_t *y = x + 3 * step, *z = x + 6 * step, *t = x + 9 * step;   \
+            vec v0 = load(w) B(, v1 = load(w + block)) C(, v2 = load(w + 2 * block)) \
+                D(, v3 = load(w + 3 * block)), value;                                \
+            FOR_PIXELS(ADD)                                                          \
+            (void)y, (void)z, (void)t, (void)block;                                  \
+        }                                                                            \
     }
 
 static void TILE(const tile_row *row)
@@ -129,5 +113,4 @@ static void TILE(const tile_row *row)
 #undef STORE_WIDE
 #undef STORE_ALL
 #undef SEGMENT
-#undef DWORD
 #include "vectors_end.h"
