@@ -34,6 +34,8 @@ LULL_INLINE size_t lull_append(size_t *total, size_t bytes)
     return at;
 }
 
+#define LULL_FLT_MAX 3.402823466e38f
+
 LULL_INLINE unsigned lull_min_u(unsigned a, unsigned b) { return a < b ? a : b; }
 LULL_INLINE unsigned lull_max_u(unsigned a, unsigned b) { return a > b ? a : b; }
 

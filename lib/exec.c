@@ -34,7 +34,9 @@ static void advance(lull_task *t, unsigned base_row, const lull_host *host)
         t->layer = l;
         t->chunk = lull_plan_chunk(plan, l);
         t->first = plan->done[l + 1];
-        parallel(plan, host, (ready - t->first) * lull_exec_chunks(t), lull_exec_chunk, t);
+        parallel(plan, host,
+                 (ready - t->first) / lull_layer_rows(&graph->layer[l]) * lull_exec_chunks(t),
+                 lull_exec_chunk, t);
         plan->done[l + 1] = ready;
     }
     ready = lull_min_u(plan->done[graph->layers], plan->frame.height);
@@ -47,11 +49,11 @@ static void advance(lull_task *t, unsigned base_row, const lull_host *host)
 static void begin_strip(lull_plan *plan, lull_task *t, unsigned strip)
 {
     const lull_graph *graph = &plan->model->graph;
-    unsigned overlap = graph->overlap;
+    unsigned margin = graph->margin;
     t->begin = strip * plan->strip_width;
     t->end = lull_min_u(t->begin + plan->strip_width, plan->frame.width);
-    t->left = t->begin > overlap ? t->begin - overlap : 0;
-    t->right = lull_min_u((strip + 1) * plan->strip_width + overlap, plan->width);
+    t->left = t->begin > margin ? t->begin - margin : 0;
+    t->right = lull_min_u((strip + 1) * plan->strip_width + margin, plan->width);
     t->base_row = 0;
     if (plan->strips > 1) /* rows of the strip before may have been longer */
         for (unsigned i = 0; i < LULL_TENSORS; i++)

@@ -5,8 +5,6 @@
 #include "plan.h"
 #include "transfer.h"
 
-#define LULL_FLT_MAX 3.402823466e38f
-
 /* What the body functions of one parallel_for see. */
 typedef struct lull_task {
     lull_plan *plan;
@@ -44,6 +42,10 @@ void lull_exec_store(void *context, unsigned index, unsigned worker); /* row fir
 
 /* Chunks that a row of the task's layer has. */
 unsigned lull_exec_chunks(const lull_task *t);
+
+/* Columns [x, x+n) of rows y and y + 1 (or of the pooled row y) of the task's layer, in Winograd's
+ * form. x and n, before pooling, are whole patches. */
+void lull_exec_winograd(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker);
 
 /* Columns [x, x+n) of row y of the task's layer, if it is one of the filter. */
 void lull_exec_filter(const lull_task *t, unsigned x, unsigned y, unsigned n);

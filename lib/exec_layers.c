@@ -85,6 +85,7 @@ static void conv_row(const lull_plan *plan, unsigned l, uint8_t *out, unsigned x
         (const int32_t *)(const void *)((const uint8_t *)plan->model + packed->multiplier);
     conv.wide_shift = packed->wide_shift;
     conv.out_max = is_wide ? 32767 : 255;
+    conv.least = 0.0f;
     conv.outputs = layer->outputs;
     conv.out_step = (size_t)phases * layer->outputs;
     conv.pixels = n / phases;
@@ -222,15 +223,17 @@ void lull_exec_filter(const lull_task *t, unsigned x, unsigned y, unsigned n)
     make[layer->op](t, x, y, n, codes, step);
 }
 
-/* One chunk of columns of one row of a layer. */
+/* One chunk of columns of a row, or two rows, of a layer. */
 void lull_exec_chunk(void *context, unsigned index, unsigned worker)
 {
     const lull_task *t = context;
     const lull_layer *layer = &t->plan->model->graph.layer[t->layer];
-    unsigned chunks = lull_exec_chunks(t), y = t->first + index / chunks,
-             x = index % chunks * t->chunk;
+    unsigned chunks = lull_exec_chunks(t);
+    unsigned y = t->first + index / chunks * lull_layer_rows(layer), x = index % chunks * t->chunk;
     unsigned n = lull_min_u(t->chunk, ((t->right - t->left) >> layer->level) - x);
-    if (lull_layer_is_conv(layer))
+    if (layer->is_winograd)
+        lull_exec_winograd(t, x, y, n, worker);
+    else if (lull_layer_is_conv(layer))
         make_conv(t, x, y, n, worker);
     else
         lull_exec_filter(t, x, y, n);

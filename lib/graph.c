@@ -1,5 +1,7 @@
 #include "graph.h"
 
+#include "winograd.h"
+
 typedef struct net_row {
     const char *name, *key;
     lull_family family;
@@ -59,6 +61,11 @@ int lull_layer_is_conv(const lull_layer *layer)
 int lull_layer_is_up(const lull_layer *layer)
 {
     return layer->op == LULL_OP_CONV && layer->reads[0] == LULL_READS_COARSE;
+}
+
+unsigned lull_layer_rows(const lull_layer *layer)
+{
+    return layer->is_winograd && !layer->pool ? LULL_WINOGRAD_ROWS : 1;
 }
 
 /* Number of the tensor called `name` among those made so far; LULL_TENSOR_NONE if there is none. */
@@ -277,9 +284,22 @@ static lull_status add_filters(lull_graph *graph)
     return result == LULL_TENSOR_NONE ? LULL_ERROR_NETWORK : LULL_OK;
 }
 
+/* fp32 convolutions take Winograd's form where patches lie the same in every strip: strips begin at
+ * multiples of 1 << levels pixels. */
+static void choose_forms(lull_graph *graph)
+{
+    for (unsigned i = 0; i < graph->layers; i++) {
+        lull_layer *layer = &graph->layer[i];
+        unsigned step = 1u << (graph->levels - layer->level);
+        layer->is_winograd =
+            layer->op == LULL_OP_CONV && !graph->is_integer && step % LULL_WINOGRAD_COLUMNS == 0;
+    }
+}
+
 /* How far the output looks, rounded up to the alignment. A kernel of radius r at level l adds r *
- * 2^l pixels a side; pooling and upsampling move its grid by up to 2^l - 1. */
-static unsigned reach(const lull_graph *graph)
+ * 2^l pixels a side; pooling and upsampling move its grid by up to 2^l - 1. To the bit (is_exact),
+ * all pixels of a patch depend on all that its points are made of. */
+static unsigned reach(const lull_graph *graph, int is_exact)
 {
     static const uint8_t radius[] = {0, 1, 2, 1, 0};
     unsigned field = 0, align = 1u << graph->levels;
@@ -288,6 +308,8 @@ static unsigned reach(const lull_graph *graph)
         unsigned most = 0;
         for (unsigned s = 0; s < LULL_MAX_SOURCES && layer->source[s] != LULL_TENSOR_NONE; s++)
             most = lull_max_u(most, radius[layer->reads[s]]);
+        if (is_exact && layer->is_winograd)
+            most = LULL_WINOGRAD_COLUMNS;
         field += most << layer->level;
     }
     field += align - 1; /* phase of the pixel inside its coarsest cell */
@@ -339,7 +361,9 @@ lull_status lull_graph_build(lull_graph *graph, const lull_tza *tza)
         status = read_widths(graph, tza);
     if (status != LULL_OK)
         return status;
-    graph->overlap = reach(graph);
+    choose_forms(graph);
+    graph->overlap = reach(graph, 0);
+    graph->margin = reach(graph, 1);
     if (graph->family == LULL_FAMILY_U &&
         (graph->layer[graph->layers - 1].outputs < 3 || graph->inputs > 9 || graph->inputs % 3))
         return LULL_ERROR_NETWORK;

@@ -54,8 +54,9 @@ typedef struct lull_layer {
     uint8_t pool;  /* ... and its result is max-pooled by 2 if this is 1 */
     uint8_t source[LULL_MAX_SOURCES]; /* tensors; LULL_TENSOR_NONE where there are fewer */
     uint8_t reads[LULL_MAX_SOURCES];
-    uint16_t outputs; /* channels */
-    uint8_t is_wide;  /* integer models: the output has 15-bit codes */
+    uint16_t outputs;    /* channels */
+    uint8_t is_wide;     /* integer models: the output has 15-bit codes */
+    uint8_t is_winograd; /* fp32: computed in Winograd's form, two rows together */
 } lull_layer;
 
 typedef struct lull_graph {
@@ -65,7 +66,8 @@ typedef struct lull_graph {
     int is_integer;   /* int8 weights; docs/arithmetic.md */
     unsigned inputs;  /* channels of tensor 0 */
     unsigned levels;  /* number of 2x poolings: sizes are multiples of 1 << levels */
-    unsigned overlap; /* pixels beside a strip that make it exact, a multiple of 1 << levels */
+    unsigned overlap; /* pixels beside a strip that the output depends on, and ... */
+    unsigned margin;  /* ... that make it equal to the bit; both multiples of 1 << levels */
     lull_layer layer[LULL_MAX_LAYERS];
 } lull_graph;
 
@@ -93,6 +95,9 @@ lull_dtype lull_graph_dtype(const lull_graph *graph, unsigned tensor);
 int lull_layer_is_conv(const lull_layer *layer);
 /* 1 if its first source is upsampled by 2. */
 int lull_layer_is_up(const lull_layer *layer);
+
+/* Rows that a layer makes together: 1, or 2 (of which the first is even). */
+unsigned lull_layer_rows(const lull_layer *layer);
 
 /* Channels of a layer's source number `index`; 0 where there is none. */
 unsigned lull_layer_inputs(const lull_graph *graph, const lull_layer *layer, unsigned index);

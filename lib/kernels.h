@@ -9,7 +9,7 @@
 #ifndef LULL_KERNELS_H
 #define LULL_KERNELS_H
 
-#include "base.h"
+#include "winograd.h"
 
 #define LULL_MAX_SEGMENTS 6
 
@@ -23,8 +23,8 @@ typedef struct lull_segment {
 /* A convolution, for both kinds of arithmetic. Exactly `outputs` elements of every pixel are
  * written.
  *
- * conv_f32:  out[p * out_step + o] = max(0, bias[o] + sum over segments and k of
- *                                            row[p * step + k] * weight[o][k])
+ * conv_f32:  out[p * out_step + o] = max(least, bias[o] + sum over segments and k of
+ *                                                row[p * step + k] * weight[o][k])
  *     summed in the order of the segments and of k for each output; B is the table's block_f32.
  *
  * conv_int (docs/arithmetic.md): activations are unsigned 8 bit (narrow) or 15 bit in uint16_t
@@ -42,6 +42,7 @@ typedef struct lull_conv {
     const int32_t *multiplier; /* integer only, like the next three */
     unsigned wide, wide_shift;
     int32_t out_max;
+    float least; /* fp32 only: 0, or -LULL_FLT_MAX for the sums as they are */
     unsigned outputs, pixels, segments;
     lull_segment segment[LULL_MAX_SEGMENTS];
 } lull_conv;

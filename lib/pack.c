@@ -27,7 +27,8 @@ unsigned lull_pack_block(const lull_layer *layer, unsigned phase, unsigned row)
     return LULL_PACK_SOURCE + (lull_layer_is_up(layer) ? 2 * phase + row : row);
 }
 
-/* Describes block number `index` of a layer; returns 0 if the layer has no such block. */
+/* Describes block number `index` of a layer; returns 0 if the layer has no such block. Layers in
+ * Winograd's form have none. */
 static int describe(block *b, const lull_graph *graph, unsigned l, unsigned index,
                     const lull_layer_tensors *tensors)
 {
@@ -36,7 +37,7 @@ static int describe(block *b, const lull_graph *graph, unsigned l, unsigned inde
     int is_head = layer->op == LULL_OP_HEAD, is_up = lull_layer_is_up(layer);
     memset(b, 0, sizeof *b);
     b->inputs = lull_layer_inputs(graph, layer, is_skip);
-    if (!lull_layer_is_conv(layer) || !b->inputs ||
+    if (!lull_layer_is_conv(layer) || layer->is_winograd || !b->inputs ||
         (!is_skip && !is_up && index >= (is_head ? 1u : 3u)))
         return 0;
     b->weight = is_skip && graph->is_integer ? &tensors->skip : &tensors->weight;
@@ -212,6 +213,39 @@ static unsigned lanes_of(const lull_graph *graph, const lull_kernels *kernels)
     return graph->is_integer ? kernels->block_int : kernels->block_f32;
 }
 
+/* The points of a layer's source and skip, and zeros for the bias of all points but one. */
+static void layout_winograd(lull_packed_layer *packed, const lull_graph *graph, unsigned l,
+                            size_t outputs, size_t *total)
+{
+    const lull_layer *layer = &graph->layer[l];
+    packed->point_bytes = outputs * sizeof(float);
+    packed->zeros = lull_append(total, packed->point_bytes);
+    for (unsigned s = 0; s < 2; s++) {
+        unsigned points = LULL_WINOGRAD_POINTS, channels = lull_layer_inputs(graph, layer, s);
+        for (unsigned k = 0; k < LULL_WINOGRAD_POINTS; k++)
+            points -= s == 0 && lull_layer_is_up(layer) && lull_winograd_vanishes(k);
+        if (channels)
+            packed->weights[s ? LULL_PACK_SKIP : LULL_PACK_SOURCE] =
+                lull_append(total, packed->point_bytes * channels * points);
+    }
+}
+
+static void pack_winograd(lull_model *model, unsigned l, const lull_layer_tensors *tensors,
+                          unsigned lanes)
+{
+    const lull_layer *layer = &model->graph.layer[l];
+    const lull_packed_layer *packed = &model->layer[l];
+    uint8_t *base = (uint8_t *)model;
+    unsigned inputs = lull_layer_inputs(&model->graph, layer, 0);
+    unsigned skip = lull_layer_inputs(&model->graph, layer, 1);
+    memset(base + packed->zeros, 0, packed->point_bytes);
+    lull_pack_winograd((float *)(void *)(base + packed->weights[LULL_PACK_SOURCE]),
+                       &tensors->weight, layer->outputs, inputs, 0, lanes, lull_layer_is_up(layer));
+    if (skip)
+        lull_pack_winograd((float *)(void *)(base + packed->weights[LULL_PACK_SKIP]),
+                           &tensors->weight, layer->outputs, skip, inputs, lanes, 0);
+}
+
 /* Lays out the blocks, bias and multipliers of layer l after `total` bytes; returns the new total.
  */
 static size_t layout(lull_packed_layer *packed, const lull_graph *graph, unsigned l, unsigned lanes,
@@ -224,6 +258,8 @@ static size_t layout(lull_packed_layer *packed, const lull_graph *graph, unsigne
     memset(&none, 0, sizeof none);
     if (!lull_layer_is_conv(&graph->layer[l]))
         return total;
+    if (graph->layer[l].is_winograd)
+        layout_winograd(packed, graph, l, outputs, &total);
     for (unsigned i = 0; i < LULL_PACK_BLOCKS; i++)
         if (describe(&b, graph, l, i, &none))
             packed->weights[i] =
@@ -246,6 +282,8 @@ static void pack_layer(lull_model *model, unsigned l, const lull_tza *tza)
     if (!lull_layer_is_conv(layer))
         return;
     lull_graph_tensors(&tensors, layer, tza);
+    if (layer->is_winograd)
+        pack_winograd(model, l, &tensors, lanes);
     for (unsigned i = 0; i < LULL_PACK_BLOCKS; i++)
         if (describe(&b, &model->graph, l, i, &tensors))
             write_block(base + packed->weights[i], &b, lanes);

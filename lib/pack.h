@@ -13,6 +13,8 @@ enum { LULL_PACK_SOURCE = 0, LULL_PACK_PHASES = 8, LULL_PACK_SKIP = 8, LULL_PACK
 typedef struct lull_packed_layer {
     size_t weights[LULL_PACK_BLOCKS]; /* offsets from the model; 0: not there */
     size_t bias, multiplier;          /* offsets */
+    size_t zeros, point_bytes;        /* Winograd's form: as many zeros as bias; bytes of an input
+                                         channel's weights at a point */
     unsigned wide_shift;
 } lull_packed_layer;
 
@@ -25,6 +27,12 @@ struct lull_model {
     float weight_table[256], blend_table[256]; /* family K: of codes; docs/kernel-prediction.md */
     lull_packed_layer layer[LULL_MAX_LAYERS];
 };
+
+/* Winograd's form of a layer's weights for source 0 or its skip, at each point that does not
+ * vanish: [point][output / lanes][channel][output % lanes]. `offset`: first channel in the tensor.
+ */
+void lull_pack_winograd(float *out, const lull_tza_tensor *weight, unsigned outputs,
+                        unsigned channels, unsigned offset, unsigned lanes, int is_up);
 
 /* Length in a kernel's units of a run of elements: floats, or dwords of integers. */
 unsigned lull_pack_length(lull_dtype dtype, unsigned elements);

@@ -5,6 +5,7 @@
 /* Columns per side of a task's working set are chosen so that its source and output rows stay
  * within this many bytes (half of a small L2 cache). */
 #define TASK_BYTES (192u << 10)
+#define WINOGRAD_TASK_BYTES (320u << 10) /* likewise the points of a task */
 #define CHUNK_STEP 24u /* columns of a task are multiples of this: even, and whole kernel tiles */
 #define BORDER 2u      /* pixels of zeros beside a row; on the left aligned, see lull_ring_left */
 #define ROW_SLACK 16u  /* readable bytes after a row's right border */
@@ -51,12 +52,14 @@ unsigned lull_plan_turn(const lull_plan *plan, unsigned l)
     const lull_graph *graph = &plan->model->graph;
     const lull_layer *layer = &graph->layer[l];
     unsigned all = plan->height >> layer->level, ready = all;
+    unsigned rows = lull_layer_rows(layer);
     unsigned turn = lull_max_u(plan->row_step >> (layer->level + layer->pool), 1);
     for (unsigned s = 0; s < LULL_MAX_SOURCES && layer->source[s] != LULL_TENSOR_NONE; s++)
         ready = lull_min_u(
             ready, rows_ready((lull_reads)layer->reads[s], plan->done[layer->source[s]],
                               plan->height >> lull_graph_level(graph, layer->source[s]), all));
-    return lull_min_u(ready >> layer->pool, plan->done[l + 1] + turn);
+    turn = (unsigned)lull_align_up(turn, rows);
+    return lull_min_u((ready >> layer->pool) / rows * rows, plan->done[l + 1] + turn);
 }
 
 /* Rows of a tensor that are still needed, given what its consumers and the output have made. */
@@ -122,14 +125,39 @@ unsigned lull_plan_chunk(const lull_plan *plan, unsigned l)
     const lull_layer *layer = &graph->layer[l];
     size_t element = lull_layer_is_conv(layer) && graph->is_integer ? 1 : sizeof(float);
     size_t inputs = lull_layer_inputs(graph, layer, 0) + lull_layer_inputs(graph, layer, 1);
-    unsigned width = plan->row_width >> layer->level;
+    unsigned width = plan->row_width >> layer->level, step = CHUNK_STEP;
     unsigned rows = lull_max_u(plan->row_step >> layer->level, 1);
     unsigned count =
         (unsigned)((width * (layer->outputs + 3 * inputs) * element + TASK_BYTES - 1) / TASK_BYTES);
+    if (layer->is_winograd) {
+        size_t patch = LULL_WINOGRAD_POINTS * sizeof(float) * (layer->outputs + inputs);
+        unsigned most;
+        step = 12 * LULL_WINOGRAD_COLUMNS;
+        most = (unsigned)lull_max_u(WINOGRAD_TASK_BYTES / 12 / (unsigned)patch, 1) * step;
+        count = (width + most - 1) / most;
+        rows = lull_max_u(rows / LULL_WINOGRAD_ROWS, 1);
+    }
     if (plan->threads > 1)
         count = lull_max_u(count, (2 * plan->threads + rows - 1) / rows);
     count = lull_max_u(count, 1);
-    return (unsigned)lull_align_up((width + count - 1) / count, CHUNK_STEP);
+    return (unsigned)lull_align_up((width + count - 1) / count, step);
+}
+
+size_t lull_plan_points(lull_points *points, const lull_plan *plan, unsigned l)
+{
+    const lull_graph *graph = &plan->model->graph;
+    const lull_layer *layer = &graph->layer[l];
+    size_t total = 0, line = LULL_ALIGN / sizeof(float);
+    size_t patches = lull_min_u(lull_plan_chunk(plan, l), plan->row_width >> layer->level) /
+                     LULL_WINOGRAD_COLUMNS;
+    for (unsigned s = 0; s < 3; s++) {
+        size_t channels = s < 2 ? lull_layer_inputs(graph, layer, s) : layer->outputs;
+        points->offset[s] = total;
+        points->plane[s] = lull_align_up(patches * channels, line) | line; /* an odd number of lines
+                                                                            */
+        total += channels ? LULL_WINOGRAD_POINTS * points->plane[s] : 0;
+    }
+    return total;
 }
 
 /* Sizes the rings for the row width set in the plan; returns the bytes of the longest row. */
@@ -163,21 +191,26 @@ static void layout(lull_plan *plan)
     const lull_graph *graph = &plan->model->graph;
     size_t total = lull_align_up(sizeof *plan, LULL_ALIGN), saved = 0;
     plan->strips = plan->width ? (plan->width + plan->strip_width - 1) / plan->strip_width : 0;
-    plan->row_width = lull_min_u(plan->strip_width + 2 * graph->overlap, plan->width);
+    plan->row_width = lull_min_u(plan->strip_width + 2 * graph->margin, plan->width);
     play(plan);
     plan->zero_row = layout_rings(plan, &total);
     plan->zero_row = lull_append(&total, plan->zero_row);
     plan->scratch_bytes = LULL_BLOCK * 9 * sizeof(float);
     for (unsigned l = 0; l < graph->layers; l++) {
-        size_t bytes = 2 * lull_ring_pixel(&plan->ring[l + 1]) * lull_plan_chunk(plan, l);
-        if (graph->layer[l].pool && bytes > plan->scratch_bytes)
+        size_t bytes = 0;
+        lull_points points;
+        if (graph->layer[l].is_winograd)
+            bytes = lull_plan_points(&points, plan, l) * sizeof(float);
+        else if (graph->layer[l].pool)
+            bytes = 2 * lull_ring_pixel(&plan->ring[l + 1]) * lull_plan_chunk(plan, l);
+        if (bytes > plan->scratch_bytes)
             plan->scratch_bytes = bytes;
     }
     plan->scratch_bytes = lull_align_up(plan->scratch_bytes, LULL_ALIGN);
     plan->scratch = lull_append(&total, plan->scratch_bytes * plan->threads);
     plan->exposure =
         lull_append(&total, lull_exposure_rows(plan->frame.height) * sizeof(lull_exposure_row));
-    plan->saved_width = plan->frame.in_place && plan->strips > 1 ? graph->overlap : 0;
+    plan->saved_width = plan->frame.in_place && plan->strips > 1 ? graph->margin : 0;
     for (unsigned i = 0; i < LULL_LOADED; i++)
         if (lull_plan_has(plan, lull_loaded[i]))
             saved += lull_ring_pixel(&plan->ring[lull_loaded[i]]);
@@ -185,11 +218,22 @@ static void layout(lull_plan *plan)
     plan->bytes = total;
 }
 
-/* The narrowest and slowest plan. */
+/* The narrowest plan, with the row step that then needs least: in steps of 2 some layers run ahead.
+ */
 static void layout_minimum(lull_plan *plan)
 {
-    plan->row_step = steps[STEP_COUNT - 1];
+    unsigned best = 0;
+    size_t least = (size_t)-1;
     plan->strip_width = 1u << plan->model->graph.levels;
+    for (unsigned i = 0; i < STEP_COUNT; i++) {
+        plan->row_step = steps[i];
+        layout(plan);
+        if (plan->bytes < least) {
+            least = plan->bytes;
+            best = steps[i];
+        }
+    }
+    plan->row_step = best;
     layout(plan);
 }
 
@@ -234,6 +278,8 @@ static lull_status choose(lull_plan *plan)
         if (plan->bytes <= limit)
             return LULL_OK;
     }
+    if (!frame->row_step)
+        layout_minimum(plan); /* for its row step */
     if (!frame->strip_width && fit_strips(plan, limit))
         return LULL_OK;
     return LULL_ERROR_MEMORY;

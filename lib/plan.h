@@ -69,6 +69,14 @@ int lull_plan_has(const lull_plan *plan, unsigned tensor);
 /* Columns of a task of layer l, at its own resolution before pooling: even. */
 unsigned lull_plan_chunk(const lull_plan *plan, unsigned l);
 
+/* Where a task of layer l, in Winograd's form, has the points of its sources (0, 1) and of its
+ * outputs (2) in its scratch memory: floats from the start, and from plane to plane. Returns the
+ * floats of all. */
+typedef struct lull_points {
+    size_t offset[3], plane[3];
+} lull_points;
+size_t lull_plan_points(lull_points *points, const lull_plan *plan, unsigned l);
+
 /* Rows that layer l will have made after its turn in the present step: all that its sources allow,
  * but no more than a step's worth (else the last rows of the frame would all be alive at once). */
 unsigned lull_plan_turn(const lull_plan *plan, unsigned l);

@@ -19,10 +19,10 @@ LULL_INLINE group load_group(const float *p) { return vld1_f32(p); }
 LULL_INLINE group splat(const float *p) { return vld1_dup_f32(p); }
 #endif
 
-/* The maximum of 0 and v; the first n lanes if n < LANES. */
-LULL_INLINE void store(float *out, float32x4_t v, unsigned n)
+/* The maximum of v and least; the first n lanes if n < LANES. */
+LULL_INLINE void store(float *out, float32x4_t v, unsigned n, float32x4_t least)
 {
-    v = vmaxq_f32(v, vdupq_n_f32(0.0f));
+    v = vmaxq_f32(v, least);
     if (n >= LANES) {
         vst1q_f32(out, v);
         return;

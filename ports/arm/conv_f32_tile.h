@@ -40,11 +40,11 @@
             CD(, v3 = vld1q_f32(w + 3 * block + (j) * LANES));                                   \
         FOR_PIXELS(ADD_##j)                                                                      \
     }
-#define STORE(i)                                                            \
-    store(out + (i) * conv->out_step, a##i, n);                             \
-    B(store(out + (i) * conv->out_step + LANES, b##i, n - LANES);)          \
-    CD(store(out + (i) * conv->out_step + 2 * LANES, c##i, n - 2 * LANES);) \
-    CD(store(out + (i) * conv->out_step + 3 * LANES, d##i, n - 3 * LANES);)
+#define STORE(i)                                                                       \
+    store(out + (i) * conv->out_step, a##i, n, least);                                 \
+    B(store(out + (i) * conv->out_step + LANES, b##i, n - LANES, least);)              \
+    CD(store(out + (i) * conv->out_step + 2 * LANES, c##i, n - 2 * LANES, least);)     \
+    CD(store(out + (i) * conv->out_step + 3 * LANES, d##i, n - 3 * LANES, least);)
 
 /* n outputs from `first` on, PIXELS pixels from p on. */
 static void TILE(const lull_conv *conv, const void *biases, unsigned first, unsigned p, unsigned n)
@@ -69,6 +69,7 @@ static void TILE(const lull_conv *conv, const void *biases, unsigned first, unsi
             STEP(0)
         }
     }
+    float32x4_t least = vld1q_dup_f32(&conv->least);
     FOR_PIXELS(STORE)
 }
 

@@ -24,7 +24,7 @@ static void tile(const lull_conv *conv, unsigned block, unsigned p, unsigned pix
     for (unsigned i = 0; i < pixels; i++)
         for (unsigned o = 0; o < n; o++)
             ((float *)conv->out)[(p + i) * conv->out_step + first + o] =
-                sum[i][o] > 0.0f ? sum[i][o] : 0.0f;
+                sum[i][o] > conv->least ? sum[i][o] : conv->least;
 }
 
 void lull_conv_f32_scalar(const lull_conv *conv)

@@ -6,6 +6,8 @@ void lull_port_scalar(lull_kernels *kernels)
     kernels->block_f32 = LULL_SCALAR_BLOCK;
     kernels->block_int = LULL_SCALAR_BLOCK;
     kernels->conv_f32 = lull_conv_f32_scalar;
+    kernels->winograd_in = lull_winograd_in_scalar;
+    kernels->winograd_out = lull_winograd_out_scalar;
     kernels->pool_f32 = lull_pool_f32_scalar;
     kernels->conv_int = lull_conv_int_scalar;
     kernels->pool_u8 = lull_pool_u8_scalar;

@@ -8,10 +8,10 @@ typedef __m512 vec;
 LULL_INLINE vec load(const float *p) { return _mm512_loadu_ps(p); }
 LULL_INLINE vec splat(const float *p) { return _mm512_set1_ps(*p); }
 LULL_INLINE vec madd(vec x, vec w, vec sum) { return _mm512_fmadd_ps(x, w, sum); }
+LULL_INLINE vec most(vec a, vec b) { return _mm512_max_ps(a, b); }
 
 LULL_INLINE void store(float *out, vec sum, unsigned n)
 {
-    sum = _mm512_max_ps(sum, _mm512_setzero_ps());
     if (n >= LANES)
         _mm512_storeu_ps(out, sum);
     else

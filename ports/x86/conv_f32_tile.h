@@ -5,24 +5,25 @@
  *
  *   vec, LANES                         a vector of LANES floats
  *   load(p), splat(p), madd(x, w, sum) splat: the float at p in every lane
- *   store(p, v, n)                     the maximum of 0 and v; the first n lanes if n < LANES
+ *   most(a, b)                         the larger one, lane by lane
+ *   store(p, v, n)                     the first n lanes if n < LANES
  */
 #include "pixels.h"
 #include "vectors.h"
 
-#define DECLARE(i, base, offset) \
+#define DECLARE(i, base, offset)                                                                   \
     vec a##i = bias0 B(, b##i = bias1) C(, c##i = bias2) D(, d##i = bias3);
-#define ADD(i, base, offset)          \
-    value = splat((base) + (offset)); \
-    a##i = madd(value, v0, a##i);     \
-    B(b##i = madd(value, v1, b##i);)  \
-    C(c##i = madd(value, v2, c##i);)  \
+#define ADD(i, base, offset)                                                                       \
+    value = splat((base) + (offset));                                                              \
+    a##i = madd(value, v0, a##i);                                                                  \
+    B(b##i = madd(value, v1, b##i);)                                                               \
+    C(c##i = madd(value, v2, c##i);)                                                               \
     D(d##i = madd(value, v3, d##i);)
-#define STORE(i, base, offset)                                            \
-    store(out + (i) * out_step, a##i, row->n);                            \
-    B(store(out + (i) * out_step + LANES, b##i, row->n - LANES);)         \
-    C(store(out + (i) * out_step + 2 * LANES, c##i, row->n - 2 * LANES);) \
-    D(store(out + (i) * out_step + 3 * LANES, d##i, row->n - 3 * LANES);)
+#define STORE(i, base, offset)                                                                     \
+    store(out + (i)*out_step, most(a##i, least), row->n);                                          \
+    B(store(out + (i)*out_step + LANES, most(b##i, least), row->n - LANES);)                       \
+    C(store(out + (i)*out_step + 2 * LANES, most(c##i, least), row->n - 2 * LANES);)               \
+    D(store(out + (i)*out_step + 3 * LANES, most(d##i, least), row->n - 3 * LANES);)
 
 static void TILE(const tile_row *row)
 {
@@ -48,6 +49,7 @@ static void TILE(const tile_row *row)
                 (void)y, (void)z, (void)t, (void)block;
             }
         }
+        vec least = splat(&conv->least);
         FOR_PIXELS(STORE)
     }
 }

@@ -6,6 +6,8 @@ void lull_port_avx2(lull_kernels *kernels)
     kernels->block_f32 = 8;
     kernels->block_int = 8;
     kernels->conv_f32 = lull_conv_f32_avx2;
+    kernels->winograd_in = lull_winograd_in_avx2;
+    kernels->winograd_out = lull_winograd_out_avx2;
     kernels->pool_f32 = lull_pool_f32_avx2;
     kernels->conv_int = lull_conv_int_avx2;
     kernels->pool_u8 = lull_pool_u8_avx2;

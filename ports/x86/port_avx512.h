@@ -11,5 +11,7 @@
 
 void lull_conv_f32_avx512(const lull_conv *conv);
 void lull_conv_int_avx512(const lull_conv *conv);
+void lull_winograd_in_avx512(const lull_winograd *image);
+void lull_winograd_out_avx512(const lull_winograd *image);
 
 #endif

@@ -163,6 +163,8 @@ void cases_make(cases_conv *c, int is_integer, cases_pattern pattern, unsigned o
     if (is_integer)
         make_int_scales(c, pattern);
     else
+        conv->least = guard_below(2) ? 0.0f : -LULL_FLT_MAX;
+    if (!is_integer)
         for (unsigned o = 0; o < outputs; o++)
             float_bias[o] = unit() * (pattern == CASES_PAIRS ? 1e3f : 1.0f);
 }
@@ -250,7 +252,7 @@ void cases_define(const cases_conv *c, double *value, double *size)
             if (c->is_integer) {
                 value[at] = requantised(conv, o, wide, sum);
             } else {
-                value[at] = fmax(0, sum + (double)float_bias[o]);
+                value[at] = fmax((double)conv->least, sum + (double)float_bias[o]);
                 size[at] = absolute + fabs((double)float_bias[o]);
             }
         }

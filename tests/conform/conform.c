@@ -22,7 +22,7 @@ static struct {
     unsigned cases;
 } now;
 
-static uint8_t expected[1u << 20], before[1u << 20];
+static LULL_ALIGNED(64) uint8_t expected[1u << 20], before[1u << 20];
 static double value[MAX_PIXELS * CASES_MAX_OUTPUTS], size[MAX_PIXELS * CASES_MAX_OUTPUTS];
 
 static double stored(const cases_conv *c, const uint8_t *out, size_t at)
@@ -193,6 +193,178 @@ static void pool_cases(unsigned bytes)
 
 static void pool_f32_cases(void) { pool_cases(4); }
 static void pool_u8_cases(void) { pool_cases(1); }
+
+/* ---- Winograd's form: the matrices of docs/arithmetic.md
+ * ---------------------------------------- */
+
+static const double in_rows[4][4] = {{1, 0, -1, 0}, {0, 1, 1, 0}, {0, -1, 1, 0}, {0, 1, 0, -1}};
+static const double in_columns[6][6] = {{4, 0, -5, 0, 1, 0},  {0, -4, -4, 1, 1, 0},
+                                        {0, 4, -4, -1, 1, 0}, {0, -2, -1, 2, 1, 0},
+                                        {0, 2, -1, -2, 1, 0}, {0, 4, 0, -5, 0, 1}};
+static const double out_rows[2][4] = {{1, 1, 1, 0}, {0, 1, -1, -1}};
+static const double out_columns[4][6] = {
+    {1, 1, 1, 1, 1, 0}, {0, 1, -1, 2, -2, 0}, {0, 1, 1, 4, 4, 0}, {0, 1, -1, 8, -8, 1}};
+
+static void fill_floats(float *to, size_t n)
+{
+    for (size_t i = 0; i < n; i++)
+        to[i] = now.pattern == CASES_MIN           ? -1000.0f
+                : now.pattern == CASES_MAX         ? 1000.0f
+                : now.pattern == CASES_ALTERNATING ? (i & 1 ? -1000.0f : 1000.0f)
+                : now.pattern == CASES_PAIRS
+                    ? (float)guard_between(-1000, 1000) * (float)(1u << guard_below(20))
+                    : (float)guard_between(-1000000, 1000000) * 1e-6f;
+}
+
+/* Against the definition (scalar: within rounding) or against the scalar port (to the bit). */
+static int float_agrees(const float *out, const float *scalar, double want, double about)
+{
+    if (now.is_scalar)
+        return fabs((double)*out - want) <= 1e-6 * about;
+    return memcmp(out, scalar, sizeof *out) == 0;
+}
+
+/* Point k of patch p and channel c by definition. */
+static double point(const lull_winograd *w, unsigned k, unsigned p, unsigned c, double *about)
+{
+    double sum = 0;
+    *about = 0;
+    for (unsigned y = 0; y < 4; y++)
+        for (unsigned x = 0; x < 6; x++) {
+            unsigned column = w->is_up ? 2 * p + (x + 1) / 2 : 4 * p + x;
+            double product = in_rows[k / 6][y] * in_columns[k % 6][x] *
+                             (double)w->row[y][(size_t)column * w->channels + c];
+            sum += product;
+            *about += fabs(product);
+        }
+    return sum;
+}
+
+/* Compares every float of the buffer: points, and what lies between and was not to be written. */
+static int points_agree(const lull_winograd *w, const float *out, size_t floats)
+{
+    const float *scalar = (const float *)(const void *)expected;
+    for (size_t i = 0; i < floats; i++) {
+        unsigned k = (unsigned)(i / w->plane), at = (unsigned)(i % w->plane);
+        double about, want;
+        if (at >= w->patches * w->channels || (w->is_up && lull_winograd_vanishes(k))) {
+            if (memcmp(out + i, before + 4 * i, 4) != 0)
+                return 0;
+            continue;
+        }
+        want = point(w, k, at / w->channels, at % w->channels, &about);
+        if (!float_agrees(out + i, scalar + i, want, about)) {
+            printf("  point %u at %u is %.9g, not %.9g\n", k, at, (double)out[i], want);
+            return 0;
+        }
+    }
+    return 1;
+}
+
+static void winograd_in_case(unsigned channels, unsigned patches, unsigned is_up)
+{
+    lull_winograd w;
+    size_t columns = (size_t)(is_up ? 2 : 4) * patches + 2, floats;
+    int at_end = guard_below(2) != 0;
+    memset(&w, 0, sizeof w);
+    w.channels = channels;
+    w.patches = patches;
+    w.is_up = is_up;
+    w.plane = (size_t)channels * patches + guard_below(20);
+    for (unsigned y = 0; y < 4; y++) {
+        float *row = guard_place(GUARD_ROW + y, columns * channels * sizeof *row, at_end);
+        fill_floats(row, columns * channels);
+        w.row[y] = is_up && y == 2 ? w.row[1] : row;
+    }
+    floats = (LULL_WINOGRAD_POINTS - 1) * w.plane + (size_t)channels * patches;
+    if (!now.is_scalar) {
+        w.points = (float *)(void *)expected;
+        now.scalar.winograd_in(&w);
+    }
+    w.points = guard_place(GUARD_OUT, floats * sizeof *w.points, at_end);
+    memcpy(w.points, before, floats * sizeof *w.points);
+    now.port->winograd_in(&w);
+    now.cases++;
+    if (!CHECK(points_agree(&w, w.points, floats)))
+        printf("  with %u channels, %u patches, %s\n", channels, patches, is_up ? "upsampled" : "");
+}
+
+static void winograd_in_cases(void)
+{
+    for (unsigned channels = 1; channels <= 70; channels++)
+        for (unsigned is_up = 0; is_up < 2; is_up++)
+            winograd_in_case(channels, 1 + guard_below(7), is_up);
+}
+
+/* Pixel (x, y) of a patch by definition, before it is made positive. */
+static double pixel(const lull_winograd *w, unsigned p, unsigned x, unsigned y, unsigned c,
+                    double *about)
+{
+    double sum = 0;
+    for (unsigned k = 0; k < LULL_WINOGRAD_POINTS; k++) {
+        double product = out_rows[y][k / 6] * out_columns[x][k % 6] *
+                         (double)w->points[k * w->plane + (size_t)p * w->channels + c];
+        sum += product;
+        *about += fabs(product);
+    }
+    return sum;
+}
+
+static int pixels_agree(const lull_winograd *w)
+{
+    unsigned is_pooled = !w->out[1], columns = is_pooled ? 2 : 4, n = w->channels;
+    for (unsigned y = 0; y < (is_pooled ? 1u : 2u); y++)
+        for (unsigned x = 0; x < columns * w->patches; x++)
+            for (unsigned c = 0; c < n; c++) {
+                size_t at = (size_t)x * n + c;
+                double about = 0, want = 0;
+                const float *scalar =
+                    (const float *)(const void *)expected + y * (size_t)columns * w->patches * n;
+                for (unsigned i = 0; i < (is_pooled ? 4u : 1u); i++)
+                    want = fmax(want,
+                                pixel(w, x / columns, is_pooled ? x % 2 * 2 + (i & 1) : x % columns,
+                                      is_pooled ? i >> 1 : y, c, &about));
+                if (!float_agrees(w->out[y] + at, scalar + at, want, about)) {
+                    printf("  column %u, channel %u is %.9g, not %.9g\n", x, c,
+                           (double)w->out[y][at], want);
+                    return 0;
+                }
+            }
+    return 1;
+}
+
+static void winograd_out_case(unsigned channels, unsigned patches, unsigned is_pooled)
+{
+    lull_winograd w;
+    size_t pixels = (size_t)(is_pooled ? 2 : 4) * patches * channels, floats;
+    int at_end = guard_below(2) != 0;
+    memset(&w, 0, sizeof w);
+    w.channels = channels;
+    w.patches = patches;
+    w.plane = (size_t)channels * patches + guard_below(20);
+    floats = (LULL_WINOGRAD_POINTS - 1) * w.plane + (size_t)channels * patches;
+    w.points = guard_place(GUARD_WEIGHTS, floats * sizeof *w.points, at_end);
+    fill_floats(w.points, floats);
+    if (!now.is_scalar) {
+        w.out[0] = (float *)(void *)expected;
+        w.out[1] = is_pooled ? NULL : w.out[0] + pixels;
+        now.scalar.winograd_out(&w);
+    }
+    w.out[0] = guard_place(GUARD_OUT, pixels * sizeof(float), at_end);
+    w.out[1] = is_pooled ? NULL : guard_place(GUARD_ROW, pixels * sizeof(float), at_end);
+    now.port->winograd_out(&w);
+    now.cases++;
+    if (!CHECK(pixels_agree(&w)))
+        printf("  with %u channels, %u patches, %s\n", channels, patches,
+               is_pooled ? "pooled" : "");
+}
+
+static void winograd_out_cases(void)
+{
+    for (unsigned channels = 1; channels <= 70; channels++)
+        for (unsigned is_pooled = 0; is_pooled < 2; is_pooled++)
+            winograd_out_case(channels, 1 + guard_below(7), is_pooled);
+}
 
 /* ---- Filter
  * --------------------------------------------------------------------------------------- */

@@ -30,11 +30,15 @@
 #define lull_port_vnni emulated_port_vnni
 #define lull_conv_f32_avx2 emulated_conv_f32_avx2
 #define lull_conv_int_avx2 emulated_conv_int_avx2
+#define lull_winograd_in_avx2 emulated_winograd_in_avx2
+#define lull_winograd_out_avx2 emulated_winograd_out_avx2
 #define lull_pool_f32_avx2 emulated_pool_f32_avx2
 #define lull_pool_u8_avx2 emulated_pool_u8_avx2
 #define lull_filter5_avx2 emulated_filter5_avx2
 #define lull_conv_f32_avx512 emulated_conv_f32_avx512
 #define lull_conv_int_avx512 emulated_conv_int_avx512
+#define lull_winograd_in_avx512 emulated_winograd_in_avx512
+#define lull_winograd_out_avx512 emulated_winograd_out_avx512
 #define lull_conv_int_avxvnni emulated_conv_int_avxvnni
 #define lull_conv_int_vnni emulated_conv_int_vnni
 
@@ -91,6 +95,30 @@ static inline void emulate_store(void *to, const void *from, uint64_t mask, unsi
         simde__m512 emulate_v = (v);                    \
         emulate_store((to), &emulate_v, (mask), 16, 4); \
     } while (0)
+
+static inline simde__m512 emulate_load(uint64_t mask, const float *from)
+{
+    simde__m512 v = simde_mm512_setzero_ps();
+    emulate_store(&v, from, mask, 16, 4);
+    return v;
+}
+#define _mm512_maskz_loadu_ps(mask, from) emulate_load(mask, from)
+
+/* SIMDe 0.7.4 reads the lanes that are masked out. */
+static inline simde__m256 emulate_maskload(const float *from, simde__m256i mask)
+{
+    float lane[8] = {0};
+    int32_t wanted[8];
+    simde__m256 v;
+    memcpy(wanted, &mask, sizeof wanted);
+    for (unsigned i = 0; i < 8; i++)
+        if (wanted[i] < 0)
+            lane[i] = from[i];
+    memcpy(&v, lane, sizeof v);
+    return v;
+}
+#undef _mm256_maskload_ps
+#define _mm256_maskload_ps(from, mask) emulate_maskload(from, mask)
 
 static inline simde__m512i emulate_sra(simde__m512i a, simde__m128i count)
 {

@@ -10,6 +10,8 @@ TEST_conform_emulated_SOURCES := tests/conform/emulate_main.c tests/conform/conf
                                  tests/conform/emulate_conv_int_avx2.c \
                                  tests/conform/emulate_conv_f32_avx512.c \
                                  tests/conform/emulate_conv_int_avx512.c \
+                                 tests/conform/emulate_winograd_avx2.c \
+                                 tests/conform/emulate_winograd_avx512.c \
                                  tests/conform/emulate_conv_int_avxvnni.c \
                                  tests/conform/emulate_conv_int_vnni.c
 # The emulation is thousands of small functions: at -O3 its files take minutes to compile.

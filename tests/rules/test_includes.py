@@ -21,9 +21,10 @@ LIB = {
     "transfer": set(),
     "exposure": {"image", "transfer"},
     "cpu": {"ports"},
-    "kernels": {"ports"},
+    "winograd": set(),
+    "kernels": {"ports", "winograd"},
     "dispatch": {"kernels", "cpu", "ports"},
-    "graph": {"tza", "nets"},
+    "graph": {"tza", "nets", "winograd"},
     "pack": {"graph", "kernels", "transfer"},
     "plan": {"pack", "exposure"},
     "filter": {"pack", "transfer"},
@@ -34,7 +35,7 @@ LIB = {
 }
 LIBC = {"float.h", "stddef.h", "stdint.h", "string.h"}  # string.h in base.h only
 INTRINSICS = {"immintrin.h", "emmintrin.h", "tmmintrin.h", "arm_neon.h", "cpuid.h"}
-PORT_MAY = {"base", "kernels", "lull"}  # headers of lib/
+PORT_MAY = {"base", "kernels", "lull", "winograd"}  # headers of lib/
 APPS_MAY = {"lull.h", "OpenImageDenoise/oidn.h", "OpenImageDenoise/oidn.hpp",
             "OpenImageDenoise/config.h"}
 
