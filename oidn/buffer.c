@@ -198,7 +198,7 @@ OIDN_API void *oidnGetBufferData(OIDNBuffer buffer)
 static void run_copy(const lull_job *job, lull_fault *fault)
 {
     (void)fault;
-    memcpy(job->target, job->source, job->bytes);
+    memmove(job->target, job->source, job->bytes); /* a shared buffer may lie in the same memory */
 }
 
 /* Copies [offset, offset+bytes) of a buffer to `to`, or `from` to it; exactly one of them

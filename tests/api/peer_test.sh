@@ -3,7 +3,8 @@
 # oidnBenchmark of the Python package pyoidn, and its Python module.
 #
 #   peer_test.sh             all of them, then memcheck on the [minimal] cases, with valgrind
-#   peer_test.sh --sanitize  oidnTest on the library built with address and undefined sanitizers
+#   peer_test.sh --sanitize  oidnTest on the library built with address and undefined sanitizers; our
+#                            own cases of threads, queues and devices with the thread sanitizer
 #
 # Environment: LULL_BUILD (default build), PYTHON (one that has pyoidn and numpy; default
 # build/venv/bin/python). Reports `N passed, N failed, N skipped`.
@@ -56,7 +57,7 @@ done
 official_test() {
     label=$1
     shift
-    "$work/bin/oidnTest" --list-test-names-only >"$work/cases" || true # its status is the count
+    env "$@" "$work/bin/oidnTest" --list-test-names-only >"$work/cases" || true # status: the count
     [ "$(wc -l <"$work/cases")" -ge 20 ] || bad "$label: fewer than 20 cases"
     while IFS= read -r case; do
         try "$label: $case" env "$@" "$work/bin/oidnTest" "$case" -s
@@ -73,6 +74,13 @@ if [ "${1:-}" = --sanitize ]; then
     # The programs' own deliberate INTPTR_MAX allocation is refused before it reaches malloc.
     official_test "oidnTest, sanitized" LD_PRELOAD="$(${CC:-cc} -print-file-name=libasan.so)" \
         ASAN_OPTIONS=detect_leaks=0:allocator_may_return_null=1 UBSAN_OPTIONS=halt_on_error=1
+    # The thread sanitizer wants the whole program built with it.
+    races="test_async test_device test_process test_fuzz_api"
+    for program in $races; do
+        make -C "$root" --no-print-directory SAN=thread "build/san-thread/test/$program"
+        try "thread sanitizer: $program" env TSAN_OPTIONS=halt_on_error=1 \
+            "$root/build/san-thread/test/$program"
+    done
     finish
 fi
 
@@ -100,14 +108,14 @@ save("albedo", albedo)
 save("normal", normal)
 END
 same_output() { # NAME OPTION...
-    name=$1
+    mode=$1
     shift
     rm -f "$work/theirs.pfm" "$work/ours.pfm"
-    try "oidnDenoise $name" "$work/bin/oidnDenoise" "$@" -o "$work/theirs.pfm"
+    try "oidnDenoise $mode" "$work/bin/oidnDenoise" "$@" -o "$work/theirs.pfm"
     "$build/bin/oidnDenoise" "$@" -o "$work/ours.pfm" >"$work/log" 2>&1 ||
-        bad "our oidnDenoise $name"
-    if cmp -s "$work/theirs.pfm" "$work/ours.pfm"; then ok "oidnDenoise $name: same output"; else
-        bad "oidnDenoise $name: other output than our program's"
+        bad "our oidnDenoise $mode"
+    if cmp -s "$work/theirs.pfm" "$work/ours.pfm"; then ok "oidnDenoise $mode: same output"; else
+        bad "oidnDenoise $mode: other output than our program's"
     fi
 }
 cd "$work"

@@ -148,6 +148,40 @@ static void buffer_copies(void)
     oidnReleaseBuffer(buffer);
 }
 
+/* Host memory that a copy comes from or goes to may be the shared buffer's own, shifted. */
+static void overlapping_copies(void)
+{
+    enum { N = 1000, SHIFT = 100 };
+    static unsigned char memory[N];
+    OIDNDevice device = new_device();
+    OIDNBuffer buffer = oidnNewSharedBuffer(device, memory, N);
+    int way, i, wrong;
+
+    for (way = 0; way < 4; way++) {
+        for (i = 0; i < N; i++)
+            memory[i] = (unsigned char)(i * 7 % 251);
+        if (way == 0)
+            oidnReadBuffer(buffer, 0, N - SHIFT, memory + SHIFT);
+        else if (way == 1)
+            oidnReadBuffer(buffer, SHIFT, N - SHIFT, memory);
+        else if (way == 2)
+            oidnWriteBuffer(buffer, SHIFT, N - SHIFT, memory);
+        else
+            oidnWriteBuffer(buffer, 0, N - SHIFT, memory + SHIFT);
+        ERROR(device, NONE);
+        wrong = 0;
+        for (i = 0; i < N; i++) {
+            const int from =
+                way % 2 == 0 ? (i < SHIFT ? i : i - SHIFT) : (i < N - SHIFT ? i + SHIFT : i);
+
+            wrong += memory[i] != (unsigned char)(from * 7 % 251);
+        }
+        CHECK_EQ(wrong, 0);
+    }
+    oidnReleaseBuffer(buffer);
+    oidnReleaseDevice(device);
+}
+
 static void legacy_mapping(void)
 {
     OIDNDevice device;
@@ -185,6 +219,7 @@ int main(int argc, char **argv)
     RUN(buffer_creation);
     RUN(shared_buffers);
     RUN(buffer_copies);
+    RUN(overlapping_copies);
     RUN(legacy_mapping);
     free_identity();
     return check_report();
