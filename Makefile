@@ -6,7 +6,7 @@
 #   make install        DESTDIR= prefix=/usr/local libdir= includedir= ...
 #   make conform        every port of this CPU against the scalar one, and its speed
 #   make peer           outputs beside the real Open Image Denoise (Python package pyoidn)
-#   make peer-test      its own test program and clients on our library
+#   make peer-test      its own test program and clients on our library, also sanitized
 #   make bench-peer     speed and memory beside it
 #   make chart          speed against accuracy: docs/chart.svg, docs/chart.md
 #   make picture        the README's picture: docs/before-after.png
@@ -79,8 +79,10 @@ PORT_SOURCES := $(foreach g,$(PORTS),$(PORT_$(g)_SOURCES))
 
 # This machine's pkg-config knows nothing of another machine's libraries: when cross compiling, they are
 # used only if PKG_CONFIG names one that does.
-HOST_CPU := $(firstword $(subst -, ,$(shell $(HOSTCC) -dumpmachine 2>/dev/null)))
-ifeq ($(CPU)$(filter -m32,$(CC) $(CFLAGS)),$(HOST_CPU))
+HOST_MACHINE := $(shell $(HOSTCC) -dumpmachine 2>/dev/null)
+HOST_CPU := $(firstword $(subst -, ,$(HOST_MACHINE)))
+mingw = $(findstring mingw,$(1))
+ifeq ($(CPU)$(call mingw,$(MACHINE))$(filter -m32,$(CC) $(CFLAGS)),$(HOST_CPU)$(call mingw,$(HOST_MACHINE)))
 PKG_CONFIG ?= pkg-config
 else
 PKG_CONFIG ?= false
@@ -146,6 +148,10 @@ BASE_FLAGS = -std=c99 $(OPT) $(EXACT) $(WARNINGS) -fvisibility=hidden $(PIC) $(S
 # lib/ and ports/ call nothing of libc but mem*: no stack protector, no _chk variants.
 CORE_FLAGS := -fno-stack-protector -U_FORTIFY_SOURCE $(if $(call takes,-fstack-usage),-fstack-usage)
 HOSTED_FLAGS := -D_POSIX_C_SOURCE=200809L -D_FILE_OFFSET_BITS=64 -Ilib -Ioidn/include $(if $(filter 1,$(WITH_THREADS)),-pthread)
+ifeq ($(SYSTEM),windows)
+HOSTED_FLAGS += -D__USE_MINGW_ANSI_STDIO=1
+STATIC_FLAGS := -DOIDN_STATIC_LIB # tools and tests hold the library
+endif
 THREAD_LIBS := $(if $(filter 1,$(WITH_THREADS)),-pthread)
 
 # ---- What is built -------------------------------------------------------------------------------
@@ -169,7 +175,7 @@ SOLINK := libOpenImageDenoise.dylib
 SOFLAGS := -dynamiclib -install_name @rpath/$(SONAME)
 else ifeq ($(SYSTEM),windows)
 SONAME := OpenImageDenoise.dll
-SOFLAGS := -shared -Wl,--out-implib,$(BUILD)/lib/libOpenImageDenoise.dll.a
+SOFLAGS := -shared -static-libgcc -Wl,--out-implib,$(BUILD)/lib/libOpenImageDenoise.dll.a
 else
 SONAME := libOpenImageDenoise.so.2
 SOLINK := libOpenImageDenoise.so
@@ -223,9 +229,9 @@ endif
 $(BUILD)/obj/lib/%.o: FLAGS = $(CORE_FLAGS)
 $(BUILD)/obj/ports/%.o: FLAGS = $(CORE_FLAGS) -Ilib $(ISA)
 $(BUILD)/obj/oidn/%.o: FLAGS = $(HOSTED_FLAGS) -DOpenImageDenoise_EXPORTS -Iweights -I$(BUILD)/gen
-$(BUILD)/obj/apps/%.o: FLAGS = $(HOSTED_FLAGS) -Iapps $(OPENEXR_CFLAGS) $(PNG_CFLAGS)
+$(BUILD)/obj/apps/%.o: FLAGS = $(HOSTED_FLAGS) $(STATIC_FLAGS) -Iapps $(OPENEXR_CFLAGS) $(PNG_CFLAGS)
 $(BUILD)/obj/bench/%.o: FLAGS = $(HOSTED_FLAGS)
-$(BUILD)/obj/tests/%.o: FLAGS = $(HOSTED_FLAGS) -Itests -Iapps -I. $(OPENEXR_CFLAGS) $(PNG_CFLAGS) $(TEST_FLAGS)
+$(BUILD)/obj/tests/%.o: FLAGS = $(HOSTED_FLAGS) $(STATIC_FLAGS) -Itests -Iapps -I. $(OPENEXR_CFLAGS) $(PNG_CFLAGS) $(TEST_FLAGS)
 
 define port_rules
 $(call object,$(PORT_$(1)_SOURCES)): ISA := $(call port_flags,$(1))
@@ -270,7 +276,7 @@ $(BUILD)/lib/$(SOLINK): $(BUILD)/lib/$(SONAME)
 	@ln -sf $(SONAME) $@
 endif
 
-APP_LIBS := $(OPENEXR_LIBS) $(PNG_LIBS) -lm $(THREAD_LIBS)
+APP_LIBS := $(OPENEXR_LIBS) $(PNG_LIBS) -lm $(THREAD_LIBS) $(if $(filter windows,$(SYSTEM)),-static)
 define app_rules
 $(BUILD)/bin/$(1)$(EXE): $(call object,$(sort $(APP_$(1)_SOURCES) $(APP_COMMON_SOURCES))) $(LIBOIDN)
 	@mkdir -p $$(@D)
@@ -313,7 +319,7 @@ check-built: tests
 
 # C tests and scripts under sanitizers: make check-san SAN=address,undefined (or memory, with CC=clang)
 check-san: tests
-	@ASAN_OPTIONS=allocator_may_return_null=1 TSAN_OPTIONS=allocator_may_return_null=1 \
+	@o=allocator_may_return_null=1; ASAN_OPTIONS=$$o MSAN_OPTIONS=$$o TSAN_OPTIONS=$$o \
 	    $(PYTHON) tests/run.py --build $(BUILD) --kinds program $(CHECK)
 
 # Every port against scalar, slot by slot, and each one's speed; docs/ports.md keeps the results.
@@ -335,6 +341,7 @@ peer: peer-ready
 # OIDN's own test program and clients on our library.
 peer-test: peer-ready
 	@$(TOOLS) sh tests/api/peer_test.sh
+	@$(TOOLS) sh tests/api/peer_test.sh --sanitize
 
 # Speed and memory, in one run.
 bench-peer: peer-ready

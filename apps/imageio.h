@@ -12,6 +12,8 @@
 #include <stdint.h>
 #include <stdio.h>
 
+#include "report.h"
+
 /* Optional dependencies: 1 if the build has them. */
 #ifndef LULL_WITH_OPENEXR
 #define LULL_WITH_OPENEXR 0
@@ -40,10 +42,7 @@ typedef struct image_error {
 
 /* Sets status and text (printf) and returns the status. */
 image_status image_fail(image_error *error, image_status status, const char *format, ...)
-#if defined(__GNUC__)
-    __attribute__((format(printf, 3, 4)))
-#endif
-    ;
+    REPORT_PRINTF(3, 4);
 
 /* Type of the values in memory. */
 typedef enum image_type {

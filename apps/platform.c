@@ -153,7 +153,7 @@ int platform_interrupted(void) { return interrupted != 0; }
 
 int platform_is_directory(const char *path)
 {
-    struct stat info;
+    struct stat info = {0}; /* the memory sanitizer does not know of stat */
     return stat(path, &info) == 0 && (info.st_mode & S_IFMT) == S_IFDIR;
 }
 
@@ -191,7 +191,7 @@ static int open_temporary(output_file *out)
 
 int output_open(output_file *out, const char *path)
 {
-    struct stat info;
+    struct stat info = {0};
     int error = 0;
     memset(out, 0, sizeof *out);
     out->path = resolve(path);
@@ -212,7 +212,7 @@ int output_open(output_file *out, const char *path)
 
 int output_close(output_file *out)
 {
-    struct stat info;
+    struct stat info = {0};
     int mode = stat(out->path, &info) == 0 ? (int)(info.st_mode & 0777) : 0;
     int error = 0;
     if (fflush(out->stream) || ferror(out->stream))

@@ -11,7 +11,9 @@ typedef enum exit_code {
     EXIT_INTERRUPTED = 130 /* by SIGINT */
 } exit_code;
 
-#if defined(__GNUC__)
+#if defined(__MINGW32__) && !defined(__clang__) /* the C library's functions are replaced, too */
+#define REPORT_PRINTF(text, first) __attribute__((format(gnu_printf, text, first)))
+#elif defined(__GNUC__)
 #define REPORT_PRINTF(text, first) __attribute__((format(printf, text, first)))
 #else
 #define REPORT_PRINTF(text, first)

@@ -51,6 +51,7 @@ find_wanted() {
     need "gcc-aarch64-linux-gnu libc6-dev-arm64-cross" command -v aarch64-linux-gnu-gcc
     need "gcc-arm-linux-gnueabihf libc6-dev-armhf-cross" command -v arm-linux-gnueabihf-gcc
     need "gcc-s390x-linux-gnu libc6-dev-s390x-cross" command -v s390x-linux-gnu-gcc
+    need gcc-mingw-w64-x86-64 command -v x86_64-w64-mingw32-gcc
 }
 
 can_install() {

@@ -32,8 +32,10 @@ enum { DEVICES = 3, BUFFERS = 6, FILTERS = 6, ARENA = 1 << 18, CALLS = 250, SEED
 #define VISIBLE
 #endif
 VISIBLE const char *__asan_default_options(void);
+VISIBLE const char *__msan_default_options(void);
 VISIBLE const char *__tsan_default_options(void);
 const char *__asan_default_options(void) { return "allocator_may_return_null=1"; }
+const char *__msan_default_options(void) { return "allocator_may_return_null=1"; }
 const char *__tsan_default_options(void) { return "allocator_may_return_null=1"; }
 
 /* ---- Randomness ------------------------------------------------------------------------------ */
@@ -272,8 +274,9 @@ static void make_buffer(dice *d)
     OIDNDevice device = get_device(d, &arena);
     OIDNBuffer buffer;
     const size_t size = size_value(d) * 100;
+    const unsigned kind = below(d, 4), own = kind < 2;
 
-    switch (below(d, 4)) {
+    switch (kind) {
     case 0:
         buffer = oidnNewBuffer(device, size);
         break;
@@ -287,6 +290,8 @@ static void make_buffer(dice *d)
         buffer = oidnNewSharedBufferFromFD(device, roll(d), 0, size);
         break;
     }
+    if (buffer && own && size < 1 << 24) /* pixels without a value are the host's error */
+        memset(oidnGetBufferData(buffer), 0, size);
     if (buffer)
         put_buffer((int)below(d, BUFFERS), buffer, arena);
     if (device)
@@ -544,7 +549,6 @@ static void fill_arenas(void)
 
     for (i = 0; i < sizeof arenas / 4; i++) {
         const float v = noise(&seed);
-
         memcpy((unsigned char *)arenas + 4 * i, &v, 4);
     }
 }
