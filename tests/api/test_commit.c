@@ -73,6 +73,12 @@ static const commit_row commits[] = {
     {"RT", F3, F3, F3, F3, "h", 'n', OPERATION},
 };
 
+/* The error of a row; the real library has no model for colour with normals alone. */
+static OIDNError row_error(const commit_row *row)
+{
+    return is_peer() && row->color && !row->albedo && row->normal ? OPERATION : row->error;
+}
+
 static void set_row_image(OIDNFilter filter, const commit_row *row, const char *name, int format,
                           int index)
 {
@@ -93,6 +99,7 @@ static void commit_rules(void)
     device = new_device();
     for (i = 0; i < COUNT(commits); i++) {
         const commit_row *row = &commits[i];
+        const OIDNError expected = row_error(row);
         OIDNFilter filter = oidnNewFilter(device, row->type);
         OIDNError error;
 
@@ -107,11 +114,11 @@ static void commit_rules(void)
         ERROR(device, NONE);
         oidnCommitFilter(filter);
         error = take_error(device);
-        if (!CHECK_EQ(error, row->error))
+        if (!CHECK_EQ(error, expected))
             printf("  row %u\n", (unsigned)i);
         oidnExecuteFilter(filter);
-        CHECK_EQ(take_error(device), row->error == NONE ? NONE : OPERATION);
-        if (row->error == NONE) {
+        CHECK_EQ(take_error(device), expected == NONE ? NONE : OPERATION);
+        if (expected == NONE) {
             CHECK_EQ(oidnGetFilterInt(filter, "tileAlignment"), 16);
             CHECK(oidnGetFilterInt(filter, "tileOverlap") >= 96);
         } else {
@@ -142,7 +149,7 @@ static void builtin_outputs(void)
         OIDNFilter filter;
         float low = 9, high = -9;
 
-        if (commits[i].error != NONE || commits[i].output != F3)
+        if (row_error(&commits[i]) != NONE || commits[i].output != F3)
             continue;
         filter = oidnNewFilter(device, commits[i].type);
         for (k = 0; k < 3 * SIZE * SIZE; k++) {
@@ -302,10 +309,28 @@ static void change(OIDNFilter filter, int what)
     case 17:
         use_identity(filter, 3);
         break;
+    case 18: /* names of another kind */
+        oidnSetSharedFilterImage(filter, "weights", pixels[0], F3, 5, 5, 0, 0, 0);
+        break;
+    case 19:
+        oidnSetSharedFilterData(filter, "color", bytes, 4);
+        break;
+    case 20:
+        oidnSetFilterInt(filter, "color", 1);
+        break;
+    case 21:
+        oidnUnsetFilterData(filter, "output");
+        break;
+    case 22:
+        oidnUnsetFilterImage(filter, "hdr");
+        break;
     default:
         break;
     }
 }
+
+/* Declared for C++ only, and exported with C linkage. */
+void oidnExecuteSYCLFilterAsync(OIDNFilter filter, const void *events, int count, void *done);
 
 static void what_dirties(void)
 {
@@ -313,7 +338,7 @@ static void what_dirties(void)
     OIDNFilter filter = new_identity(device, pixels[0], pixels[3], 5, 5);
     int i;
 
-    for (i = 0; i < 18; i++) {
+    for (i = 0; i < 23; i++) {
         change(filter, i);
         ERROR(device, NONE);
         oidnExecuteFilter(filter);
@@ -333,6 +358,8 @@ static void what_dirties(void)
     CHECK_EQ(oidnGetFilterInt(filter, "quality"), 6); /* getting does not dirty, even in error */
     oidnGetFilterInt(filter, "nonsense");
     ERROR(device, ARGUMENT);
+    oidnExecuteSYCLFilterAsync(filter, NULL, 0, NULL);
+    ERROR(device, OPERATION);
     oidnSetFilterInt(filter, "quality", 77);
     ERROR(device, ARGUMENT);
     oidnSetSharedFilterImage(filter, "color", pixels[0], (OIDNFormat)99, 5, 5, 0, 0, 0);

@@ -4,6 +4,11 @@
 
 #include <limits.h>
 
+/* Declared for C++ only, and exported with C linkage. */
+bool oidnIsSYCLDeviceSupported(const void *device);
+OIDNDevice oidnNewSYCLDevice(const void *queues, int count);
+void oidnExecuteSYCLFilterAsync(OIDNFilter filter, const void *events, int count, void *done);
+
 /* ---- Physical devices ------------------------------------------------------------------------ */
 
 static void physical_devices(void)
@@ -31,7 +36,7 @@ static void physical_devices(void)
         {NULL, 'x', 0},
     };
     const int count = oidnGetNumPhysicalDevices();
-    size_t i;
+    size_t bytes = 5, i;
 
     CHECK_EQ(count, 1);
     ERROR(NULL, NONE);
@@ -58,6 +63,13 @@ static void physical_devices(void)
 
         CHECK_EQ(oidnGetPhysicalDeviceInt(ids[i], "type"), 0);
         ERROR(NULL, ARGUMENT);
+        CHECK(!oidnGetPhysicalDeviceBool(ids[i], "type"));
+        ERROR(NULL, ARGUMENT);
+        CHECK(!oidnGetPhysicalDeviceString(ids[i], "name"));
+        ERROR(NULL, ARGUMENT);
+        CHECK(!oidnGetPhysicalDeviceData(ids[i], "uuid", &bytes));
+        CHECK_EQ(bytes, 5);
+        ERROR(NULL, ARGUMENT);
         CHECK(!oidnNewDeviceByID(ids[i]));
         ERROR(NULL, ARGUMENT);
     }
@@ -65,6 +77,7 @@ static void physical_devices(void)
     CHECK(!oidnIsCUDADeviceSupported(0));
     CHECK(!oidnIsHIPDeviceSupported(0));
     CHECK(!oidnIsMetalDeviceSupported(NULL));
+    CHECK(!oidnIsSYCLDeviceSupported(NULL));
     ERROR(NULL, NONE);
 }
 
@@ -120,6 +133,8 @@ static void device_creation(void)
     CHECK(!oidnNewHIPDevice(numbers, hip_streams, 1));
     ERROR(NULL, HARDWARE);
     CHECK(!oidnNewMetalDevice(queues, 1));
+    ERROR(NULL, HARDWARE);
+    CHECK(!oidnNewSYCLDevice(&id, 1));
     ERROR(NULL, HARDWARE);
 }
 
@@ -366,6 +381,7 @@ static void null_handles(void)
     NULL_CALL(oidnCommitFilter(NULL));
     NULL_CALL(oidnExecuteFilter(NULL));
     NULL_CALL(oidnExecuteFilterAsync(NULL));
+    NULL_CALL(oidnExecuteSYCLFilterAsync(NULL, NULL, 0, NULL));
     if (!is_peer()) {
         NULL_CALL(CHECK(!oidnMapBuffer(NULL, OIDN_ACCESS_READ, 0, 0)));
         NULL_CALL(oidnUnmapBuffer(NULL, NULL));
@@ -426,6 +442,48 @@ static void error_slots(void)
     oidnReleaseDevice(other);
 }
 
+/* The callback runs on the thread of the failed call, while nothing is locked: it may call back. */
+typedef struct inquirer {
+    OIDNDevice device;
+    int calls, version, made;
+    OIDNError error;
+} inquirer;
+
+static void ask_back(void *user, OIDNError code, const char *message)
+{
+    inquirer *q = user;
+    OIDNBuffer buffer;
+
+    (void)message;
+    if (q->calls++)
+        return;
+    q->version = oidnGetDeviceInt(q->device, "version");
+    buffer = oidnNewBuffer(q->device, 4);
+    q->made = buffer != NULL;
+    oidnReleaseBuffer(buffer);
+    oidnSyncDevice(q->device);
+    q->error = code == oidnGetDeviceError(q->device, NULL) ? code : NONE;
+    oidnNewFilter(q->device, "*"); /* an error of the callback's own */
+}
+
+static void error_callback_calls_back(void)
+{
+    inquirer q = {0};
+    OIDNFilter filter;
+
+    q.device = new_device();
+    oidnSetDeviceErrorFunction(q.device, ask_back, &q);
+    filter = oidnNewFilter(q.device, "RT");
+    oidnCommitFilter(filter);
+    CHECK_EQ(q.calls, 2);
+    CHECK_EQ(q.version, 20501);
+    CHECK_EQ(q.made, 1);
+    CHECK_EQ(q.error, OPERATION);
+    ERROR(q.device, ARGUMENT);
+    oidnReleaseFilter(filter);
+    oidnReleaseDevice(q.device);
+}
+
 int main(int argc, char **argv)
 {
     CHECK_MAIN(argc, argv);
@@ -437,6 +495,7 @@ int main(int argc, char **argv)
     RUN(device_set_after_commit);
     RUN(null_handles);
     RUN(error_slots);
+    RUN(error_callback_calls_back);
     free_identity();
     return check_report();
 }

@@ -276,6 +276,11 @@ static void shared_image_rules(void)
         {1, 1, 1, 0, OIDN_FORMAT_FLOAT3, ARGUMENT},
         {1, 1, 1, 8, OIDN_FORMAT_FLOAT3, ARGUMENT},
         {0, 65537, 1, 0, OIDN_FORMAT_FLOAT3, ARGUMENT},
+        {0, 65536, 1, 0, OIDN_FORMAT_FLOAT3, NONE},
+        {0, 65536, 32767, 0, OIDN_FORMAT_HALF, NONE},
+        {0, 65536, 32768, 0, OIDN_FORMAT_HALF, ARGUMENT}, /* 2^31 values */
+        {0, 26754, 26754, 0, OIDN_FORMAT_FLOAT3, NONE},
+        {0, 26755, 26755, 0, OIDN_FORMAT_FLOAT3, ARGUMENT},
         {1, 1, 1, SIZE_MAX - 11, OIDN_FORMAT_FLOAT3, ARGUMENT},
     };
     OIDNDevice device = new_device();

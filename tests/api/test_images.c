@@ -146,6 +146,102 @@ static void padding_untouched(void)
     free(out);
 }
 
+/* ---- Values ---------------------------------------------------------------------------------- */
+
+/* Identity weights whose last layer adds 0, 1/8 and 1/4 to the three channels. */
+static void *biased_weights(size_t *bytes)
+{
+    static const unsigned char biases[6] = {0, 0, 0, 0x30, 0, 0x34};
+    unsigned char *data = identity_weights(3, is_peer() ? 32 : 8, 0, bytes);
+    uint64_t table = 0;
+    int i;
+
+    for (i = 7; i >= 0; i--)
+        table = table << 8 | data[4 + i];
+    memcpy(data + table - 64, biases, sizeof biases); /* the last tensor before the table */
+    return data;
+}
+
+static double from_srgb(double x)
+{
+    return x <= 0.04045 ? x / 12.92 : pow((x + 0.055) / 1.055, 2.4);
+}
+static double to_srgb(double y)
+{
+    return y <= 0.0031308 ? 12.92 * y : 1.055 * pow(y, 1 / 2.4) - 0.055;
+}
+
+/* One channel: the network sees three equal ones, and the mean of its answers is taken in linear
+ * values. Two: the second one twice, and the first two answers. */
+static void few_channels(void)
+{
+    static const OIDNFormat formats[] = {F1, OIDN_FORMAT_FLOAT2, F3};
+    OIDNDevice device = new_device();
+    float in[3 * 5], out[3 * 5];
+    size_t bytes, c, k;
+    void *data = biased_weights(&bytes);
+
+    for (c = 1; c <= 3; c++) {
+        OIDNFilter filter = oidnNewFilter(device, "RT");
+        double worst = 0;
+
+        for (k = 0; k < 5 * c; k++)
+            in[k] = 0.05f + 0.03f * (float)k;
+        oidnSetSharedFilterData(filter, "weights", data, bytes);
+        oidnSetSharedFilterImage(filter, "color", in, formats[c - 1], 5, 1, 0, 0, 0);
+        oidnSetSharedFilterImage(filter, "output", out, formats[c - 1], 5, 1, 0, 0, 0);
+        oidnCommitFilter(filter);
+        oidnExecuteFilter(filter);
+        ERROR(device, NONE);
+        for (k = 0; k < 5 * c; k++) {
+            const double x = to_srgb(in[k]);
+            const double want =
+                c == 1 ? (from_srgb(x) + from_srgb(x + 0.125) + from_srgb(x + 0.25)) / 3
+                       : from_srgb(x + 0.125 * (double)(k % c));
+
+            worst = fmax(worst, fabs(out[k] - want));
+        }
+        if (!CHECK(worst < 1e-3))
+            printf("  %u channels: off by %g\n", (unsigned)c, worst);
+        oidnReleaseFilter(filter);
+    }
+    free(data);
+    oidnReleaseDevice(device);
+}
+
+/* A scale of 0 blackens the image: nothing is divided by it. */
+static void input_scales(void)
+{
+    static const float scales[] = {0, 1e-3f, 1, 64, NAN};
+    enum { FLOATS = 3 * 16 * 16 };
+    OIDNDevice device = new_device();
+    float *in = noise_image(FLOATS, 31), *out = noise_image(FLOATS, 32);
+    size_t i, k;
+
+    for (i = 0; i < COUNT(scales); i++) {
+        OIDNFilter filter = oidnNewFilter(device, "RT");
+        unsigned wrong = 0;
+
+        use_identity(filter, 3);
+        oidnSetFilterBool(filter, "hdr", true);
+        oidnSetFilterFloat(filter, "inputScale", scales[i]);
+        oidnSetSharedFilterImage(filter, "color", in, F3, 16, 16, 0, 0, 0);
+        oidnSetSharedFilterImage(filter, "output", out, F3, 16, 16, 0, 0, 0);
+        oidnCommitFilter(filter);
+        oidnExecuteFilter(filter);
+        ERROR(device, NONE);
+        for (k = 0; k < FLOATS; k++)
+            wrong +=
+                scales[i] == 0 ? out[k] != 0 : !(fabsf(out[k] - in[k]) <= 2e-3f * (in[k] + 0.1f));
+        if (!CHECK_EQ(wrong, 0))
+            printf("  scale %g\n", (double)scales[i]);
+        oidnReleaseFilter(filter);
+    }
+    free(in);
+    free(out);
+    oidnReleaseDevice(device);
+}
+
 /* ---- Memory limit ---------------------------------------------------------------------------- */
 
 /* A limit that cannot be met is an error that names what could; from there on commits succeed, and
@@ -217,6 +313,8 @@ int main(int argc, char **argv)
     CHECK_MAIN(argc, argv);
     RUN(in_place);
     RUN(padding_untouched);
+    RUN(few_channels);
+    RUN(input_scales);
     RUN(memory_limit);
     free_identity();
     return check_report();
