@@ -22,9 +22,33 @@ static void load(lull_task *t, unsigned rows, unsigned base_row, const lull_host
     t->plan->done[LULL_TENSOR_RADIANCE] = t->plan->done[LULL_TENSOR_ALBEDO] = rows;
 }
 
+/* How far the run is: the mean, over input, layers and output, of the parts of their rows that are
+ * made. The choice of the scale, before them, counts as one more. */
+static double fraction_done(const lull_task *t)
+{
+    const lull_plan *plan = t->plan;
+    const lull_graph *graph = &plan->model->graph;
+    double sum = 1 + (double)plan->done[0] / plan->height;
+    if (plan->stored == plan->frame.height) /* what is left of the layers is padding */
+        sum = graph->layers + 3.0;
+    else {
+        for (unsigned l = 0; l < graph->layers; l++)
+            sum += (double)plan->done[l + 1] /
+                   (plan->height >> (graph->layer[l].level + graph->layer[l].pool));
+        sum += (double)plan->stored / plan->frame.height;
+    }
+    return ((t->begin / plan->strip_width) + sum / (graph->layers + 3.0)) / plan->strips;
+}
+
+/* Tells the host how far the run is; 0 if it is to stop. */
+static int keep_going(const lull_task *t, const lull_host *host)
+{
+    return !host || !host->progress || host->progress(host->user, fraction_done(t));
+}
+
 /* Every layer's turn; then stores the rows of the frame that became ready, in an output image that
- * begins with row base_row. */
-static void advance(lull_task *t, unsigned base_row, const lull_host *host)
+ * begins with row base_row. Returns 0 if the host cancels. */
+static int advance(lull_task *t, unsigned base_row, const lull_host *host)
 {
     lull_plan *plan = t->plan;
     const lull_graph *graph = &plan->model->graph;
@@ -34,16 +58,23 @@ static void advance(lull_task *t, unsigned base_row, const lull_host *host)
         t->layer = l;
         t->chunk = lull_plan_chunk(plan, l);
         t->first = plan->done[l + 1];
+        if (t->first == ready)
+            continue;
+        if (!keep_going(t, host))
+            return 0;
         parallel(plan, host,
                  (ready - t->first) / lull_layer_rows(&graph->layer[l]) * lull_exec_chunks(t),
                  lull_exec_chunk, t);
         plan->done[l + 1] = ready;
     }
+    if (!keep_going(t, host))
+        return 0;
     ready = lull_min_u(plan->done[graph->layers], plan->frame.height);
     t->first = plan->stored;
     t->base_row = base_row;
     parallel(plan, host, ready - t->first, lull_exec_store, t);
     plan->stored = ready;
+    return keep_going(t, host);
 }
 
 static void begin_strip(lull_plan *plan, lull_task *t, unsigned strip)
@@ -106,11 +137,6 @@ static float choose_scale(lull_task *t, const lull_host *host)
                                rows);
 }
 
-static int keep_going(const lull_host *host, double fraction)
-{
-    return !host || !host->progress || host->progress(host->user, fraction);
-}
-
 lull_status lull_run(lull_plan *plan, const lull_images *images, const lull_host *host)
 {
     lull_task t = {0};
@@ -124,19 +150,16 @@ lull_status lull_run(lull_plan *plan, const lull_images *images, const lull_host
         return status;
     t.plan = plan;
     t.images = images;
-    if (!keep_going(host, 0.0))
+    if (host && host->progress && !host->progress(host->user, 0.0))
         return LULL_CANCELLED;
     plan->scale = choose_scale(&t, host);
     for (unsigned strip = 0; strip < plan->strips; strip++) {
         begin_strip(plan, &t, strip);
         while (plan->stored < plan->frame.height) {
-            double made;
-            load(&t, lull_min_u(plan->done[0] + plan->row_step, plan->height), 0, host);
-            advance(&t, 0, host);
-            made = strip + ((double)plan->done[0] / plan->height +
-                            (double)plan->stored / plan->frame.height) /
-                               2;
-            if (!keep_going(host, made / plan->strips)) {
+            const int loads = keep_going(&t, host);
+            if (loads)
+                load(&t, lull_min_u(plan->done[0] + plan->row_step, plan->height), 0, host);
+            if (!loads || !advance(&t, 0, host)) {
                 plan->done[0] = LULL_ROWS_IDLE;
                 return LULL_CANCELLED;
             }
@@ -184,9 +207,8 @@ lull_status lull_rows(lull_plan *plan, const lull_images *images, unsigned rows,
     do { /* turns are taken where lull_run's are: the rings were sized for those */
         unsigned next = (plan->done[0] / plan->row_step + 1) * plan->row_step;
         load(&t, lull_min_u(next, last), input_base, host);
-        if (plan->done[0] % plan->row_step == 0 || plan->done[0] == plan->height)
-            advance(&t, store_base, host);
-        if (!keep_going(host, (double)plan->done[0] / plan->height)) {
+        if ((plan->done[0] % plan->row_step == 0 || plan->done[0] == plan->height) &&
+            !advance(&t, store_base, host)) {
             plan->done[0] = LULL_ROWS_IDLE;
             return LULL_CANCELLED;
         }

@@ -201,8 +201,8 @@ typedef struct lull_host {
     void (*parallel_for)(void *user, unsigned count,
                          void (*body)(void *context, unsigned index, unsigned worker),
                          void *context);
-    /* Told the fraction done, in [0, 1], never decreasing, at least once every row step, by the
-     * thread that called run. Returns 0 to cancel. */
+    /* Told the fraction done, in [0, 1], never decreasing, before every layer's turn in every row
+     * step, by the thread that called run: often, so do little. Returns 0 to cancel. */
     int (*progress)(void *user, double fraction);
 } lull_host;
 

@@ -17,12 +17,13 @@ static void parallel_for(void *user, unsigned count,
     lull_pool_for(((run_state *)user)->pool, count, body, context);
 }
 
-/* Passes on what comes between 0 and 1; these two are told by run_filter. */
+/* Passes on what comes between 0 and 1 (these two are told by run_filter), no more than about 250
+ * times a frame. */
 static int progress(void *user, double fraction)
 {
     run_state *state = user;
 
-    if (!(fraction > state->told) || !(fraction < 1))
+    if (!(fraction >= state->told + 0.004) || !(fraction < 1))
         return 1;
     state->told = fraction;
     return state->job->progress(state->job->progress_user, fraction);

@@ -203,33 +203,41 @@ static watch new_watch(double stop_at)
     return w;
 }
 
+/* At least 20 calls on a quarter of a million pixels of any shape, and no flood of them. */
 static void progress_calls(void)
 {
-    static const int limits[] = {-1, 0};
-    enum { SIZE = 512 };
+    static const struct {
+        size_t width, height;
+        int limit;
+    } rows[] = {
+        {512, 512, -1}, {512, 512, 0},  {8192, 32, -1},
+        {32, 8192, -1}, {2048, 128, 0}, {16384, 16, -1},
+    };
+    enum { MOST = 512 * 512 };
     OIDNDevice device = new_device();
-    float *in = noise_image(3 * SIZE * SIZE, 11), *out = noise_image(3 * SIZE * SIZE, 12);
-    OIDNFilter filter = new_identity(device, in, out, SIZE, SIZE);
+    float *in = noise_image(3 * MOST, 11), *out = noise_image(3 * MOST, 12);
     size_t i;
 
-    for (i = 0; i < COUNT(limits); i++) {
+    for (i = 0; i < COUNT(rows); i++) {
+        OIDNFilter filter = new_identity(device, in, out, rows[i].width, rows[i].height);
         watch w = new_watch(2);
 
-        oidnSetFilterInt(filter, "maxMemoryMB", limits[i]);
+        oidnSetFilterInt(filter, "maxMemoryMB", rows[i].limit);
         oidnSetFilterProgressMonitorFunction(filter, watch_progress, &w);
         oidnCommitFilter(filter);
         CHECK_EQ(w.calls, 0);
         oidnExecuteFilter(filter);
         ERROR(device, NONE);
-        CHECK(w.calls >= 20);
+        if (!CHECK(w.calls >= 20 && w.calls <= 260))
+            printf("  row %u: %u calls\n", (unsigned)i, w.calls);
         CHECK(w.first == 0);
         CHECK(w.last == 1);
         CHECK_EQ(w.wrong, 0);
 #if LULL_WITH_THREADS
         CHECK_EQ(w.on_caller, 0);
 #endif
+        oidnReleaseFilter(filter);
     }
-    oidnReleaseFilter(filter);
     oidnReleaseDevice(device);
     free(in);
     free(out);

@@ -290,7 +290,7 @@ static void make_buffer(dice *d)
         buffer = oidnNewSharedBufferFromFD(device, roll(d), 0, size);
         break;
     }
-    if (buffer && own && size < 1 << 24) /* pixels without a value are the host's error */
+    if (buffer && own && size && size < 1 << 24) /* pixels without a value are the host's error */
         memset(oidnGetBufferData(buffer), 0, size);
     if (buffer)
         put_buffer((int)below(d, BUFFERS), buffer, arena);
