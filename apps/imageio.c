@@ -96,6 +96,7 @@ image_status image_create(image *out, size_t width, size_t height, unsigned chan
     out->type = type == IMAGE_HALF ? IMAGE_HALF : IMAGE_FLOAT;
     if (height == 0 || width <= SIZE_MAX / height / 16)
         out->pixels = malloc(image_bytes(out) ? image_bytes(out) : 1);
+    platform_use_huge_pages(out->pixels, out->pixels ? image_bytes(out) : 0);
     if (out->pixels)
         return IMAGE_OK;
     memset(out, 0, sizeof *out);

@@ -2,6 +2,7 @@
 #define _DARWIN_C_SOURCE
 #else
 #define _XOPEN_SOURCE 700 /* realpath; includes POSIX 2008 */
+#define _DEFAULT_SOURCE   /* madvise */
 #endif
 
 #include "platform.h"
@@ -21,9 +22,23 @@
 #include <io.h>
 #include <process.h>
 #else
+#include <sys/mman.h>
 #include <sys/resource.h>
 #include <unistd.h>
 #endif
+
+void platform_use_huge_pages(void *block, size_t bytes)
+{
+#if defined(MADV_HUGEPAGE)
+    const size_t page = (size_t)2 << 20;
+    size_t skip = (page - (uintptr_t)block % page) % page;
+    if (block && bytes >= skip + page)
+        madvise((char *)block + skip, (bytes - skip) / page * page, MADV_HUGEPAGE);
+#else
+    (void)block;
+    (void)bytes;
+#endif
+}
 
 #if defined(_WIN32)
 

@@ -19,6 +19,9 @@ int platform_is_terminal(FILE *stream);
 /* Processors that this process may use, 1 at least. */
 int platform_processors(void);
 
+/* Asks for large pages where a large block is: rows of images are far apart. */
+void platform_use_huge_pages(void *block, size_t bytes);
+
 /* Most memory in bytes that this process has had resident so far; 0 if the system does not say. */
 size_t platform_peak_memory(void);
 

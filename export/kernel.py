@@ -141,8 +141,9 @@ def encode(radiance: np.ndarray, albedo: np.ndarray | None, normal: np.ndarray |
 
 
 def weight_table() -> np.ndarray:
-    """E(q), float32 [256]."""
-    return pixels.exp2(np.arange(-255, 1).astype(F) * PER_CODE)
+    """E(q), float32 [256]: products of two tables of 16."""
+    sixteenths, ones = np.arange(-240, 1, 16).astype(F), np.arange(-15, 1).astype(F)
+    return np.outer(pixels.exp2(sixteenths * PER_CODE), pixels.exp2(ones * PER_CODE)).ravel()
 
 
 def blend_table() -> np.ndarray:
@@ -217,7 +218,7 @@ def run_frame(model: IntTrunk, frame: pixels.Frame, channels: int = 3) -> np.nda
         if f in images and f != main:
             v = pixels.sanitize(pixels.three_channels(images[f]), 1.0,
                                 -1.0 if f == "normal" else 0.0, 1.0)
-            aux[f] = (v * F(0.5) + F(0.5)) * F(2) - F(1) if f == "normal" else v
+            aux[f] = v
     codes = encode(r, aux["albedo"], aux["normal"], not rule.is_hdr)
     h, w, _ = r.shape
     codes = np.pad(codes, ((0, -h % ALIGN), (0, -w % ALIGN), (0, 0)))

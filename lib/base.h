@@ -96,6 +96,23 @@ LULL_INLINE float lull_float(uint32_t u)
 /* 1 if f is a NaN, whatever floating-point options the compiler was given. */
 LULL_INLINE int lull_is_nan(float f) { return (lull_bits(f) & 0x7fffffffu) > 0x7f800000u; }
 
+/* f where its magnitude is above the float of bits `least` and it is no NaN, else 0. */
+LULL_INLINE float lull_above(float f, uint32_t least)
+{
+    uint32_t magnitude = lull_bits(f) & 0x7fffffffu;
+    uint32_t keep = 0u - (uint32_t)((int32_t)magnitude > (int32_t)least);
+    keep &= 0u - (uint32_t)((int32_t)magnitude <= (int32_t)0x7f800000);
+    return lull_float(lull_bits(f) & keep);
+}
+
+/* lull_sanitize of one value (image.h). */
+LULL_INLINE float lull_sane(float v, float scale, float lo, float hi)
+{
+    v = lull_above(lull_above(v, 0x007fffffu) * scale, 0x00800000u); /* FLT_MIN */
+    v = v > lo ? v : lo;
+    return v < hi ? v : hi;
+}
+
 /* Little-endian loads from any address. */
 LULL_INLINE uint16_t lull_load_u16(const uint8_t *p) { return (uint16_t)(p[0] | p[1] << 8); }
 LULL_INLINE uint32_t lull_load_u32(const uint8_t *p)

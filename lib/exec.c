@@ -19,7 +19,20 @@ static void load(lull_task *t, unsigned rows, unsigned base_row, const lull_host
     t->base_row = base_row;
     parallel(t->plan, host, rows - t->first, lull_exec_load, t);
     t->plan->done[LULL_TENSOR_INPUT] = rows;
-    t->plan->done[LULL_TENSOR_RADIANCE] = t->plan->done[LULL_TENSOR_ALBEDO] = rows;
+    if (t->plan->keeps_rows)
+        t->plan->done[LULL_TENSOR_RADIANCE] = t->plan->done[LULL_TENSOR_ALBEDO] = rows;
+}
+
+/* Albedo that is not kept comes in when the filter is about to need it. */
+static void load_albedo(lull_task *t, const lull_host *host)
+{
+    lull_plan *plan = t->plan;
+    unsigned rows = lull_plan_albedo(plan);
+    plan->done[LULL_TENSOR_RADIANCE] = plan->done[0];
+    t->first = plan->done[LULL_TENSOR_ALBEDO];
+    if (lull_plan_has(plan, LULL_TENSOR_ALBEDO))
+        parallel(plan, host, rows - t->first, lull_exec_spread, t);
+    plan->done[LULL_TENSOR_ALBEDO] = rows;
 }
 
 /* How far the run is: the mean, over input, layers and output, of the parts of their rows that are
@@ -54,6 +67,8 @@ static int advance(lull_task *t, unsigned base_row, const lull_host *host)
     const lull_graph *graph = &plan->model->graph;
     unsigned ready;
     for (unsigned l = 0; l < graph->layers; l++) {
+        if (graph->layer[l].op == LULL_OP_SMOOTH && !plan->keeps_rows)
+            load_albedo(t, host);
         ready = lull_plan_turn(plan, l);
         t->layer = l;
         t->chunk = lull_plan_chunk(plan, l);
@@ -174,7 +189,7 @@ lull_status lull_rows_begin(lull_plan *plan, float input_scale)
     lull_task t = {0};
     if (!plan)
         return LULL_ERROR_ARGUMENT;
-    if (plan->strips > 1)
+    if (plan->strips > 1 || (plan->model->graph.family == LULL_FAMILY_K && !plan->keeps_rows))
         return LULL_ERROR_UNSUPPORTED;
     t.plan = plan;
     begin_strip(plan, &t, 0);

@@ -35,6 +35,8 @@ const uint8_t *lull_exec_source(const lull_plan *plan, unsigned tensor, int y);
 /* Bodies of parallel_for. Context: a lull_task. */
 void lull_exec_load(void *context, unsigned index, unsigned worker);  /* row first + index of the
                                                                          input */
+void lull_exec_spread(void *context, unsigned index, unsigned worker); /* row first + index of the
+                                                                          albedo */
 void lull_exec_chunk(void *context, unsigned index, unsigned worker); /* a chunk of a row of a layer
                                                                        */
 void lull_exec_store(void *context, unsigned index, unsigned worker); /* row first + index of the
@@ -48,6 +50,12 @@ unsigned lull_exec_chunks(const lull_task *t);
 void lull_exec_winograd(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker);
 
 /* Columns [x, x+n) of row y of the task's layer, if it is one of the filter. */
-void lull_exec_filter(const lull_task *t, unsigned x, unsigned y, unsigned n);
+void lull_exec_filter(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker);
+
+/* Radiance of n pixels, at most LULL_BLOCK, from column x on of row y of the frame; it may be
+ * brought to `block`. */
+void lull_exec_radiance(lull_encoding *from, const lull_task *t, float *block, unsigned x,
+                        unsigned y, unsigned n);
+float *lull_exec_scratch(const lull_task *t, unsigned worker);
 
 #endif

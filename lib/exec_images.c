@@ -84,32 +84,101 @@ static void load_direct(const lull_task *t, float *block, unsigned x, unsigned y
     }
 }
 
-/* The same for family K: codes, radiance and albedo. */
+/* n pixels of an auxiliary image as they are: in place, or copied to `block`. NULL if there are
+ * none: after the main image, in the order of the bits. */
+static const float *aux_pixels(const lull_task *t, unsigned feature, float *block, unsigned x,
+                               unsigned y, unsigned n)
+{
+    const lull_image *image = lull_exec_feature(t->images, feature);
+    const lull_frame *frame = &t->plan->frame;
+    const float *pixels;
+    if (!(frame->features >> feature & 1) || !(frame->features & ((1u << feature) - 1)))
+        return NULL;
+    pixels = lull_image_floats(image, frame->width, x, y);
+    if (!pixels)
+        lull_image_load(block, image, frame->width, x, y, n);
+    return pixels ? pixels : block;
+}
+
+/* n pixels of the main image. What the kernels cannot do is done before, in `block`. */
+static void main_pixels(lull_encoding *from, const lull_task *t, float *block, unsigned x,
+                        unsigned y, unsigned n)
+{
+    const lull_plan *plan = t->plan;
+    lull_content_rule rule = lull_exec_content(&plan->frame);
+    unsigned features = plan->frame.features;
+    unsigned feature = features & LULL_HAS_COLOR ? 0 : features & LULL_HAS_ALBEDO ? 1 : 2;
+    const lull_image *image = lull_exec_feature(t->images, feature);
+    from->radiance = lull_image_floats(image, plan->frame.width, x, y);
+    from->scale = plan->scale;
+    from->most = rule.is_hdr ? LULL_RADIANCE_MAX : 1.0f;
+    if (from->radiance && !plan->keeps_rows && !rule.is_signed && !is_decoded(plan) &&
+        plan->scale >= 0.0f)
+        return;
+    load_feature(block, t, feature, 1, x, y, n);
+    if (is_decoded(plan))
+        lull_transfer_inverse(LULL_TRANSFER_SRGB, block, 3 * (size_t)n);
+    from->radiance = block;
+    from->scale = 1.0f;
+    from->most = LULL_RADIANCE_MAX;
+}
+
+void lull_exec_radiance(lull_encoding *from, const lull_task *t, float *block, unsigned x,
+                        unsigned y, unsigned n)
+{
+    if (!t->plan->keeps_rows) {
+        main_pixels(from, t, block, x, y - t->base_row, n);
+        return;
+    }
+    from->radiance = lull_exec_floats(t->plan, LULL_TENSOR_RADIANCE, y, x - t->left);
+    from->scale = 1.0f;
+    from->most = LULL_RADIANCE_MAX;
+}
+
+/* n pixels from column x on of row y of the albedo tensor. */
+static void load_albedo(const lull_task *t, const float *albedo, unsigned x, unsigned y, unsigned n)
+{
+    if (albedo && lull_plan_has(t->plan, LULL_TENSOR_ALBEDO))
+        t->plan->model->kernels.spread(
+            lull_exec_floats(t->plan, LULL_TENSOR_ALBEDO, y, x - t->left), albedo, n);
+}
+
+/* The same for family K: codes, and radiance and albedo if they are kept from now on. */
 static void load_kernel(const lull_task *t, float *block, unsigned x, unsigned y, unsigned n)
 {
     lull_plan *plan = t->plan;
-    unsigned features = plan->frame.features, column = x - t->left;
-    unsigned main_feature = features & LULL_HAS_COLOR ? 0 : features & LULL_HAS_ALBEDO ? 1 : 2;
-    float *radiance = lull_exec_floats(plan, LULL_TENSOR_RADIANCE, y, column);
-    float *albedo = lull_exec_floats(plan, LULL_TENSOR_ALBEDO, y, column);
-    float *aux[3] = {NULL, NULL, NULL};
-    load_feature(radiance, t, main_feature, 1, x, y - t->base_row, n);
-    if (is_decoded(plan))
-        lull_transfer_inverse(LULL_TRANSFER_SRGB, radiance, 3 * (size_t)n);
-    for (unsigned feature = main_feature + 1; feature < 3; feature++) {
-        if (!(features >> feature & 1))
-            continue;
-        aux[feature] = block + (feature - 1) * 3 * LULL_BLOCK;
-        load_feature(aux[feature], t, feature, 0, x, y - t->base_row, n);
-        for (unsigned i = 0; feature == 2 && i < 3 * n; i++) /* codes are of signed normals */
-            aux[2][i] = aux[2][i] * 2.0f - 1.0f;
-    }
-    lull_filter_encode(lull_exec_row(plan, 0, y) + column * lull_ring_pixel(&plan->ring[0]),
-                       radiance, aux[1], aux[2], !lull_exec_content(&plan->frame).is_hdr, n);
-    for (unsigned i = 0; i < n; i++) {
-        albedo[4 * i] = 1.0f;
-        for (unsigned c = 0; c < 3; c++)
-            albedo[4 * i + 1 + c] = aux[1] ? aux[1][3 * i + c] : 1.0f - LULL_FILTER_EPSILON;
+    unsigned column = x - t->left, row = y - t->base_row;
+    uint8_t *codes = lull_exec_row(plan, 0, y) + column * lull_ring_pixel(&plan->ring[0]);
+    lull_encoding from;
+    main_pixels(&from, t,
+                plan->keeps_rows ? lull_exec_floats(plan, LULL_TENSOR_RADIANCE, y, column) : block,
+                x, row, n);
+    from.albedo = aux_pixels(t, 1, block + 3 * LULL_BLOCK, x, row, n);
+    from.normal = aux_pixels(t, 2, block + 6 * LULL_BLOCK, x, row, n);
+    from.flags = lull_filter_flags(&from, !lull_exec_content(&plan->frame).is_hdr);
+    plan->model->kernels.encode(codes, &from, n);
+    if (plan->keeps_rows)
+        load_albedo(t, from.albedo, x, y, n);
+}
+
+float *lull_exec_scratch(const lull_task *t, unsigned worker)
+{
+    const lull_plan *plan = t->plan;
+    return (float *)(void *)((uint8_t *)t->plan + plan->scratch + plan->scratch_bytes * worker);
+}
+
+void lull_exec_spread(void *context, unsigned index, unsigned worker)
+{
+    const lull_task *t = context;
+    const lull_plan *plan = t->plan;
+    unsigned y = t->first + index, right = lull_min_u(t->right, plan->frame.width);
+    if (y >= plan->frame.height)
+        memset(lull_exec_row(plan, LULL_TENSOR_ALBEDO, y), 0,
+               (t->right - t->left) * lull_ring_pixel(&plan->ring[LULL_TENSOR_ALBEDO]));
+    for (unsigned x = t->left; y < plan->frame.height && x < right; x += LULL_BLOCK) {
+        unsigned n = lull_min_u(LULL_BLOCK, right - x);
+        float *block = lull_exec_scratch(t, worker);
+        load_albedo(t, aux_pixels(t, 1, block, x, y - t->base_row, n), x, y, n);
     }
 }
 
@@ -143,9 +212,9 @@ void lull_exec_load(void *context, unsigned index, unsigned worker)
     lull_plan *plan = t->plan;
     const lull_frame *frame = &plan->frame;
     unsigned y = t->first + index, x = t->left, right = lull_min_u(t->right, frame->width);
-    float *block =
-        (float *)(void *)((uint8_t *)plan + plan->scratch + plan->scratch_bytes * worker);
-    for (unsigned i = 0; i < LULL_LOADED; i++)
+    float *block = lull_exec_scratch(t, worker);
+    unsigned tensors = plan->keeps_rows ? LULL_LOADED : 1;
+    for (unsigned i = 0; y >= frame->height && i < tensors; i++) /* others: zeros since the start */
         if (lull_plan_has(plan, lull_loaded[i]))
             memset(lull_exec_row(plan, lull_loaded[i], y), 0,
                    (t->right - t->left) * lull_ring_pixel(&plan->ring[lull_loaded[i]]));
@@ -166,12 +235,17 @@ void lull_exec_load(void *context, unsigned index, unsigned worker)
         keep_columns(t, y, t->end, 1);
 }
 
+static float unscale_of(const lull_plan *plan)
+{
+    return plan->scale != 0.0f ? 1.0f / plan->scale : 0.0f;
+}
+
 /* n pixels (r,g,b) of the result to image values: network values of family U, exposed radiance of
  * K. */
 static void finish(float *v, const lull_plan *plan, unsigned channels, unsigned n)
 {
     lull_content_rule rule = lull_exec_content(&plan->frame);
-    float unscale = plan->scale != 0.0f ? 1.0f / plan->scale : 0.0f;
+    float unscale = unscale_of(plan);
     lull_sanitize(v, 3 * (size_t)n, 1.0f, 0.0f, LULL_FLT_MAX);
     if (plan->model->graph.family == LULL_FAMILY_U)
         lull_transfer_inverse(rule.transfer, v, 3 * (size_t)n);
@@ -207,11 +281,20 @@ static void get_output(const lull_plan *plan, float *out, const uint8_t *row, un
     }
 }
 
-/* Result of family K: times the filtered albedo. */
-static void modulate(float *v, const float *smooth, unsigned n)
+/* The same of the result of family K, which is given for exposed radiance by albedo: to the output
+ * image itself if that is what the kernel makes. */
+static int store_modulated(const lull_task *t, float *block, unsigned x, unsigned y, unsigned n)
 {
-    for (unsigned i = 0; i < 3 * n; i++)
-        v[i] *= smooth[i];
+    const lull_plan *plan = t->plan;
+    const lull_graph *graph = &plan->model->graph;
+    const float *v = lull_exec_floats(plan, graph->layers, y, x - t->left);
+    const float *smooth =
+        lull_exec_floats(plan, lull_graph_find(graph, LULL_OP_SMOOTH, 0), y, x - t->left);
+    float *to = lull_image_floats(&t->images->output, plan->frame.width, x, y - t->base_row);
+    int is_direct = to && lull_exec_content(&plan->frame).is_hdr;
+    float unscale = is_direct ? unscale_of(plan) : 1.0f;
+    plan->model->kernels.modulate(is_direct ? to : block, v, smooth, unscale, 3 * (size_t)n);
+    return is_direct;
 }
 
 /* One row of the output image, columns [t->begin, t->end). */
@@ -220,15 +303,14 @@ void lull_exec_store(void *context, unsigned index, unsigned worker)
     const lull_task *t = context;
     lull_plan *plan = t->plan;
     unsigned y = t->first + index, last = plan->model->graph.layers;
-    unsigned smooth = lull_graph_find(&plan->model->graph, LULL_OP_SMOOTH, 0);
     const uint8_t *row = lull_exec_row(plan, last, y);
-    float *block =
-        (float *)(void *)((uint8_t *)plan + plan->scratch + plan->scratch_bytes * worker);
+    float *block = lull_exec_scratch(t, worker);
     for (unsigned x = t->begin; x < t->end; x += LULL_BLOCK) {
         unsigned n = lull_min_u(LULL_BLOCK, t->end - x);
-        get_output(plan, block, row + (x - t->left) * lull_ring_pixel(&plan->ring[last]), n);
-        if (smooth != LULL_TENSOR_NONE)
-            modulate(block, lull_exec_floats(plan, smooth, y, x - t->left), n);
+        if (plan->model->graph.family == LULL_FAMILY_U)
+            get_output(plan, block, row + (x - t->left) * lull_ring_pixel(&plan->ring[last]), n);
+        else if (store_modulated(t, block, x, y, n))
+            continue;
         finish(block, plan, t->images->output.channels, n);
         lull_image_store(&t->images->output, plan->frame.width, x, y - t->base_row, n, block);
     }

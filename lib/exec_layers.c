@@ -141,8 +141,9 @@ static void five_rows(const lull_plan *plan, const float **rows, unsigned tensor
 }
 
 static void make_smooth(const lull_task *t, unsigned x, unsigned y, unsigned n,
-                        const uint8_t *codes, size_t step)
+                        const uint8_t *codes, size_t step, unsigned worker)
 {
+    (void)worker;
     const lull_layer *layer = &t->plan->model->graph.layer[t->layer];
     float *out = lull_exec_floats(t->plan, t->layer + 1, y, x);
     const float *rows[5];
@@ -156,20 +157,28 @@ static void make_smooth(const lull_task *t, unsigned x, unsigned y, unsigned n,
 }
 
 static void make_demodulated(const lull_task *t, unsigned x, unsigned y, unsigned n,
-                             const uint8_t *codes, size_t step)
+                             const uint8_t *codes, size_t step, unsigned worker)
 {
     const lull_plan *plan = t->plan;
     const lull_layer *layer = &plan->model->graph.layer[t->layer];
     unsigned width = plan->frame.width - t->left; /* columns inside the image */
-    unsigned inside = y < plan->frame.height && x < width ? width - x : 0;
-    lull_filter_demodulate(lull_exec_floats(plan, t->layer + 1, y, x), plan->model,
-                           lull_exec_floats(plan, layer->source[0], y, x),
-                           lull_exec_floats(plan, layer->source[1], y, x), codes, step, n, inside);
+    unsigned inside = y < plan->frame.height && x < width ? lull_min_u(width - x, n) : 0;
+    float *out = lull_exec_floats(plan, t->layer + 1, y, x);
+    const float *smooth = lull_exec_floats(plan, layer->source[1], y, x);
+    for (unsigned done = 0; done < inside; done += LULL_BLOCK) {
+        unsigned count = lull_min_u(LULL_BLOCK, inside - done);
+        lull_encoding from;
+        lull_exec_radiance(&from, t, lull_exec_scratch(t, worker), t->left + x + done, y, count);
+        lull_filter_demodulate(out + 4 * (size_t)done, plan->model, &from,
+                               smooth + 3 * (size_t)done, codes + done * step, step, count);
+    }
+    memset(out + 4 * (size_t)inside, 0, 4 * (size_t)(n - inside) * sizeof *out);
 }
 
 static void make_pooled(const lull_task *t, unsigned x, unsigned y, unsigned n,
-                        const uint8_t *codes, size_t step)
+                        const uint8_t *codes, size_t step, unsigned worker)
 {
+    (void)worker;
     unsigned source = t->plan->model->graph.layer[t->layer].source[0];
     lull_filter_pool(lull_exec_floats(t->plan, t->layer + 1, y, x), t->plan->model,
                      lull_exec_floats(t->plan, source, 2 * y, 2 * x),
@@ -177,8 +186,9 @@ static void make_pooled(const lull_task *t, unsigned x, unsigned y, unsigned n,
 }
 
 static void make_filtered(const lull_task *t, unsigned x, unsigned y, unsigned n,
-                          const uint8_t *codes, size_t step)
+                          const uint8_t *codes, size_t step, unsigned worker)
 {
+    (void)worker;
     const float *rows[5];
     five_rows(t->plan, rows, t->plan->model->graph.layer[t->layer].source[0], y, x);
     lull_filter_apply(lull_exec_floats(t->plan, t->layer + 1, y, x), t->plan->model, rows, codes,
@@ -186,8 +196,9 @@ static void make_filtered(const lull_task *t, unsigned x, unsigned y, unsigned n
 }
 
 static void make_blended(const lull_task *t, unsigned x, unsigned y, unsigned n,
-                         const uint8_t *codes, size_t step)
+                         const uint8_t *codes, size_t step, unsigned worker)
 {
+    (void)worker;
     const lull_plan *plan = t->plan;
     const lull_layer *layer = &plan->model->graph.layer[t->layer];
     unsigned level = layer->level + 1u, tensor = layer->source[1];
@@ -200,27 +211,26 @@ static void make_blended(const lull_task *t, unsigned x, unsigned y, unsigned n,
     (void)step;
     coarse.near = lull_exec_floats(plan, tensor, lull_min_u(row, bottom - 1), x / 2);
     coarse.far = lull_exec_floats(plan, tensor, lull_min_u(beside, bottom - 1), x / 2);
-    coarse.channels = plan->ring[tensor].channels;
     coarse.first = -(int)(x / 2);
     coarse.last =
         (int)(lull_min_u(right, t->right >> level) - 1 - (t->left >> level)) - (int)(x / 2);
-    lull_filter_blend(lull_exec_floats(plan, t->layer + 1, y, x), layer->outputs,
+    lull_filter_blend(lull_exec_floats(plan, t->layer + 1, y, x), plan->model, layer->outputs,
                       lull_exec_floats(plan, layer->source[0], y, x), &coarse, n);
 }
 
 /* Columns [x, x+n) of row y of a layer of the filter; its codes are those of the last head it
  * reads. */
-void lull_exec_filter(const lull_task *t, unsigned x, unsigned y, unsigned n)
+void lull_exec_filter(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker)
 {
     static void (*const make[])(const lull_task *, unsigned, unsigned, unsigned, const uint8_t *,
-                                size_t) = {
+                                size_t, unsigned) = {
         NULL, NULL, make_smooth, make_demodulated, make_pooled, make_filtered, make_blended};
     const lull_layer *layer = &t->plan->model->graph.layer[t->layer];
     unsigned head = layer->op == LULL_OP_DEMODULATE ? layer->source[2] : layer->source[1];
     size_t step = t->plan->ring[head].channels;
     const uint8_t *codes =
         layer->op == LULL_OP_BLEND ? NULL : lull_exec_row(t->plan, head, y) + x * step;
-    make[layer->op](t, x, y, n, codes, step);
+    make[layer->op](t, x, y, n, codes, step, worker);
 }
 
 /* One chunk of columns of a row, or two rows, of a layer. */
@@ -236,5 +246,5 @@ void lull_exec_chunk(void *context, unsigned index, unsigned worker)
     else if (lull_layer_is_conv(layer))
         make_conv(t, x, y, n, worker);
     else
-        lull_exec_filter(t, x, y, n);
+        lull_exec_filter(t, x, y, n, worker);
 }

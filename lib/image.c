@@ -3,7 +3,6 @@
 #include "image.h"
 
 #define TYPE_COUNT 2
-#define EDGE_MIN UINT32_C(0x00800000) /* FLT_MIN */
 #define INFINITY_BITS UINT32_C(0x7f800000)
 
 static const uint8_t element_bytes[TYPE_COUNT] = {4, 2}; /* by lull_type */
@@ -94,6 +93,13 @@ static int is_tight(const lull_image *image, lull_type type)
            && lull_image_pixel_stride(image) == lull_image_pixel_bytes(image);
 }
 
+float *lull_image_floats(const lull_image *image, unsigned width, unsigned x, unsigned y)
+{
+    uint8_t *p = pixel_at(image, width, x, y);
+    return is_tight(image, LULL_F32) && (uintptr_t)p % sizeof(float) == 0 ? (float *)(void *)p
+                                                                           : NULL;
+}
+
 void lull_image_load(float *out, const lull_image *image, unsigned width, unsigned x, unsigned y,
                      unsigned n)
 {
@@ -141,21 +147,9 @@ void lull_image_store(const lull_image *image, unsigned width, unsigned x, unsig
             store(p + c * element, in[c]);
 }
 
-/* f where its magnitude is above `least` and it is no NaN, else 0. */
-LULL_INLINE float keep_above(float f, uint32_t least)
-{
-    uint32_t magnitude = lull_bits(f) & 0x7fffffffu;
-    uint32_t keep = 0u - (uint32_t)((int32_t)magnitude > (int32_t)least);
-    keep &= 0u - (uint32_t)((int32_t)magnitude <= (int32_t)INFINITY_BITS);
-    return lull_float(lull_bits(f) & keep);
-}
-
 void lull_sanitize(float *values, size_t n, float scale, float lo, float hi)
 {
     size_t i;
-    for (i = 0; i < n; ++i) {
-        float v = keep_above(keep_above(values[i], EDGE_MIN - 1) * scale, EDGE_MIN);
-        v = v > lo ? v : lo;
-        values[i] = v < hi ? v : hi;
-    }
+    for (i = 0; i < n; ++i)
+        values[i] = lull_sane(values[i], scale, lo, hi);
 }

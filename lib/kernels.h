@@ -47,8 +47,43 @@ typedef struct lull_conv {
     lull_segment segment[LULL_MAX_SEGMENTS];
 } lull_conv;
 
-/* filter5: out[4 p + c] = sum over k = 0..24 of table[codes[p * code_step + k]] *
- * rows[k / 5][4 (p + k % 5 - 2) + c], in that order, no contraction: bit-equal on every port. */
+/* The rest is of family K (docs/kernel-prediction.md), fp32 in the order written and without
+ * contraction: bit-equal on every port. Pixels of rows hold 4 floats unless said otherwise.
+ * `table`: E(q); table[q] is the rounded product table[q | 15] * table[q | 240].
+ *
+ * filter5: S[c] = sum over k = 0..24, in that order, of
+ *     table[codes[p * code_step + k]] * rows[k / 5][4 (p + k % 5 - 2) + c];
+ *     out[4 p + c] = S[0] > 0 ? S[c + 1] / S[0] : 0 for c = 0, 1, 2, and out[4 p + 3] = S[0].
+ *
+ * lull_encoding: 3 floats a pixel as they are in the caller's image. Radiance counts as
+ *     R = S(radiance, scale, 0, most), albedo as S(albedo, 1, 0, 1), normals as
+ *     S(normal, 1, -1, 1), S being lull_sane; scale >= 0, most <= 65504. Albedo and normals may be
+ *     NULL.
+ *
+ * encode: 12 codes a pixel. The last three codes are the bytes of `flags`, the lowest first.
+ *
+ * spread: out = (1, albedo) of a pixel, sanitised as above.
+ *
+ * demodulate: C = table[codes[p * code_step]]; out = (C, C (R / smooth), ...); smooth has 3 floats
+ *     a pixel.
+ *
+ * blend: pixels 2 i and 2 i + 1 of `filtered` (r,g,b,beta) lie on pixel i of two coarse rows, whose
+ *     pixels i - 1 and i + 1 are there, too. With here = 0.75 near + 0.25 far of coarse pixel i,
+ *     there = the same of i - 1 or i + 1: out = filtered + beta ((0.75 here + 0.25 there) -
+ *     filtered), `channels` floats a pixel: 3, or 4 of which the last is 0.
+ *
+ * modulate: out = S(v * smooth, 1, 0, FLT_MAX) * unscale, for n floats. */
+#define LULL_RADIANCE_MAX 65504.0f
+#define LULL_FILTER_EPSILON 0.02f
+#define LULL_LARGEST 3.402823466e38f /* FLT_MAX */
+#define LULL_LOG_GAIN 32.0f
+#define LULL_CODES_PER_OCTAVE 21.2493764f /* 255 / log2(1 + 32 * 128) */
+
+typedef struct lull_encoding {
+    const float *radiance, *albedo, *normal;
+    float scale, most;
+    uint32_t flags;
+} lull_encoding;
 
 typedef struct lull_kernels {
     unsigned block_f32; /* output channels a weight block holds, fp32 */

@@ -131,7 +131,10 @@ typedef struct lull_frame {
     lull_content content;
     unsigned features; /* LULL_HAS_* */
     unsigned threads;  /* workers that run() may use at once; 0 is 1 */
-    unsigned in_place; /* 1: the output may overlap an input image */
+    unsigned in_place; /* 1: the output may overlap an input image. Kernel-prediction models then
+                        * keep input rows that else they read a second time */
+    unsigned streamed; /* 1: lull_rows will be used. Kernel-prediction models then keep input rows,
+                        * too; others do not mind */
     size_t max_bytes;  /* plan memory to keep within; 0: no limit */
     unsigned row_step; /* rows computed together; 0: chosen. Larger is faster and needs more memory
                         */
@@ -215,7 +218,8 @@ float lull_autoexposure(const lull_image *color, unsigned width, unsigned height
  * Errors: ARGUMENT, IMAGE, CANCELLED (the output is then undefined, but only inside its pixels). */
 lull_status lull_run(lull_plan *plan, const lull_images *images, const lull_host *host);
 
-/* Streaming. lull_rows_begin resets the plan (which must have one strip) and sets the scale (NaN:
+/* Streaming. lull_rows_begin resets the plan (which must have one strip, and be made for streaming
+ * if the model predicts kernels: else UNSUPPORTED) and sets the scale (NaN:
  * 1). Each lull_rows call then takes the next `rows` rows of the inputs, at the start of the images
  * given, and stores at the start of images->output the output rows that became ready: *ready of
  * them, at most rows + delay_rows. The last input row releases all the remaining output rows. */

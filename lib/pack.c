@@ -200,7 +200,9 @@ static void fill_tables(lull_model *model)
 {
     const float per_code = 0.0901684401f; /* log2(e) / 16 */
     for (int q = 0; q < 256; q++) {
-        model->weight_table[q] = lull_exp2((float)(q - 255) * per_code);
+        model->weight_table[q] =
+            lull_exp2((float)((q | 15) - 255) * per_code) *
+            lull_exp2((float)((q & 15) - 15) * per_code);
         model->blend_table[q] = 1.0f / (1.0f + lull_exp2((float)(128 - q) * per_code));
     }
 }

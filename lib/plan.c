@@ -43,8 +43,22 @@ static unsigned rows_needed(lull_reads reads, unsigned row)
 int lull_plan_has(const lull_plan *plan, unsigned tensor)
 {
     const lull_graph *graph = &plan->model->graph;
-    return tensor <= graph->layers ||
-           (graph->family == LULL_FAMILY_K && tensor > LULL_MAX_LAYERS && tensor < LULL_TENSORS);
+    if (tensor <= LULL_MAX_LAYERS)
+        return tensor <= graph->layers;
+    if (graph->family != LULL_FAMILY_K)
+        return 0;
+    return tensor == LULL_TENSOR_RADIANCE
+               ? (int)plan->keeps_rows
+               : tensor == LULL_TENSOR_ALBEDO && !(~plan->frame.features & 3u);
+}
+
+unsigned lull_plan_albedo(const lull_plan *plan)
+{
+    const lull_graph *graph = &plan->model->graph;
+    unsigned smooth = lull_graph_find(graph, LULL_OP_SMOOTH, 0);
+    unsigned rows = plan->done[graph->layer[smooth - 1].source[1]];
+    rows = lull_min_u(rows, plan->done[smooth] + plan->row_step) + 2;
+    return lull_max_u(lull_min_u(rows, plan->height), plan->done[LULL_TENSOR_ALBEDO]);
 }
 
 unsigned lull_plan_turn(const lull_plan *plan, unsigned l)
@@ -95,11 +109,17 @@ static void play(lull_plan *plan)
         plan->ring[t].rows = 1;
     while (plan->stored < plan->height) {
         plan->done[0] = lull_min_u(plan->done[0] + plan->row_step, plan->height);
-        plan->done[LULL_TENSOR_RADIANCE] = plan->done[LULL_TENSOR_ALBEDO] = plan->done[0];
+        plan->done[LULL_TENSOR_RADIANCE] = plan->done[0];
+        if (plan->keeps_rows)
+            plan->done[LULL_TENSOR_ALBEDO] = plan->done[0];
         grow_ring(plan, LULL_TENSOR_INPUT);
         grow_ring(plan, LULL_TENSOR_RADIANCE);
         grow_ring(plan, LULL_TENSOR_ALBEDO);
         for (unsigned l = 0; l < graph->layers; l++) {
+            if (graph->layer[l].op == LULL_OP_SMOOTH && !plan->keeps_rows) {
+                plan->done[LULL_TENSOR_ALBEDO] = lull_plan_albedo(plan);
+                grow_ring(plan, LULL_TENSOR_ALBEDO);
+            }
             plan->done[l + 1] = lull_plan_turn(plan, l);
             grow_ring(plan, l + 1);
         }
@@ -302,6 +322,8 @@ static lull_status start(lull_plan *plan, const lull_frame *frame, const lull_mo
     plan->model = model;
     plan->frame = *frame;
     plan->threads = lull_max_u(frame->threads, 1);
+    plan->keeps_rows =
+        model->graph.family == LULL_FAMILY_K && (frame->in_place || frame->streamed);
     plan->width = (unsigned)lull_align_up(frame->width, align);
     plan->height = (unsigned)lull_align_up(frame->height, align);
     return LULL_OK;

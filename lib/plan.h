@@ -56,6 +56,8 @@ struct lull_plan {
     size_t saved; /* columns that an in-place run would overwrite before the next strip reads them
                    */
     unsigned saved_width;
+    unsigned keeps_rows; /* family K: radiance and albedo are kept from the input on; else images
+                          * are read again */
     /* State of a run: rows made of every tensor, and stored of the output. */
     unsigned strip, stored;
     float scale;
@@ -65,6 +67,9 @@ struct lull_plan {
 
 /* 1 if the model's network makes this tensor. */
 int lull_plan_has(const lull_plan *plan, unsigned tensor);
+
+/* Rows of albedo that the first layer of the filter needs for its turn, where rows are not kept. */
+unsigned lull_plan_albedo(const lull_plan *plan);
 
 /* Columns of a task of layer l, at its own resolution before pooling: even. */
 unsigned lull_plan_chunk(const lull_plan *plan, unsigned l);

@@ -134,6 +134,7 @@ static bool same_frame(const lull_frame *a, const lull_frame *b)
 {
     return a->width == b->width && a->height == b->height && a->content == b->content &&
            a->features == b->features && a->threads == b->threads && a->in_place == b->in_place &&
+           a->streamed == b->streamed &&
            a->max_bytes == b->max_bytes && a->row_step == b->row_step &&
            a->strip_width == b->strip_width && a->trained_for == b->trained_for;
 }

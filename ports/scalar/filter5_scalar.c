@@ -16,9 +16,9 @@ void lull_filter5_scalar(float *out, const float *const *rows, const uint8_t *co
                 d += w * v[3];
             }
         }
-        out[0] = a;
-        out[1] = b;
-        out[2] = c;
-        out[3] = d;
+        out[0] = a > 0.0f ? b / a : 0.0f;
+        out[1] = a > 0.0f ? c / a : 0.0f;
+        out[2] = a > 0.0f ? d / a : 0.0f;
+        out[3] = a;
     }
 }

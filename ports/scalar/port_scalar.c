@@ -12,4 +12,9 @@ void lull_port_scalar(lull_kernels *kernels)
     kernels->conv_int = lull_conv_int_scalar;
     kernels->pool_u8 = lull_pool_u8_scalar;
     kernels->filter5 = lull_filter5_scalar;
+    kernels->encode = lull_encode_scalar;
+    kernels->spread = lull_spread_scalar;
+    kernels->demodulate = lull_demodulate_scalar;
+    kernels->blend = lull_blend_scalar;
+    kernels->modulate = lull_modulate_scalar;
 }

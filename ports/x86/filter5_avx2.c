@@ -15,6 +15,14 @@ LULL_INLINE __m256 add_tap(__m256 sum, const float *v, __m256 weights)
     return _mm256_add_ps(sum, _mm256_mul_ps(weights, _mm256_loadu_ps(v)));
 }
 
+/* Sums (S0, S1, S2, S3) to (S1 / S0, S2 / S0, S3 / S0, S0); zeros where S0 is 0. */
+LULL_INLINE __m256 means(__m256 sums)
+{
+    __m256 total = _mm256_permute_ps(sums, 0x00), turned = _mm256_permute_ps(sums, 0x39);
+    __m256 some = _mm256_cmp_ps(total, _mm256_setzero_ps(), _CMP_GT_OQ);
+    return _mm256_blend_ps(_mm256_and_ps(_mm256_div_ps(turned, total), some), turned, 0x88);
+}
+
 static void eight_pixels(float *out, const float *const *rows, size_t at, const uint8_t *codes,
                          size_t step, const float *table)
 {
@@ -29,10 +37,10 @@ static void eight_pixels(float *out, const float *const *rows, size_t at, const 
             d = add_tap(d, v + 24, pair_weights(table, r + 2 * step, step));
         }
     }
-    _mm256_storeu_ps(out, a);
-    _mm256_storeu_ps(out + 8, b);
-    _mm256_storeu_ps(out + 16, c);
-    _mm256_storeu_ps(out + 24, d);
+    _mm256_storeu_ps(out, means(a));
+    _mm256_storeu_ps(out + 8, means(b));
+    _mm256_storeu_ps(out + 16, means(c));
+    _mm256_storeu_ps(out + 24, means(d));
 }
 
 static void one_pixel(float *out, const float *const *rows, size_t at, const uint8_t *codes,
@@ -44,7 +52,7 @@ static void one_pixel(float *out, const float *const *rows, size_t at, const uin
         for (unsigned x = 0; x < 5; x++, v += 4)
             sum = _mm_add_ps(sum, _mm_mul_ps(_mm_broadcast_ss(table + *codes++), _mm_loadu_ps(v)));
     }
-    _mm_storeu_ps(out, sum);
+    _mm_storeu_ps(out, _mm256_castps256_ps128(means(_mm256_castps128_ps256(sum))));
 }
 
 void lull_filter5_avx2(float *out, const float *const *rows, const uint8_t *codes, size_t code_step,

@@ -12,4 +12,9 @@ void lull_port_avx2(lull_kernels *kernels)
     kernels->conv_int = lull_conv_int_avx2;
     kernels->pool_u8 = lull_pool_u8_avx2;
     kernels->filter5 = lull_filter5_avx2;
+    kernels->encode = lull_encode_avx2;
+    kernels->spread = lull_spread_avx2;
+    kernels->demodulate = lull_demodulate_avx2;
+    kernels->blend = lull_blend_avx2;
+    kernels->modulate = lull_modulate_avx2;
 }

@@ -18,5 +18,13 @@ void lull_pool_u8_avx2(uint8_t *out, const uint8_t *above, const uint8_t *below,
                        unsigned pixels);
 void lull_filter5_avx2(float *out, const float *const *rows, const uint8_t *codes, size_t code_step,
                        const float *table, unsigned pixels);
+void lull_encode_avx2(uint8_t *codes, const lull_encoding *from, unsigned pixels);
+void lull_spread_avx2(float *out, const float *albedo, unsigned pixels);
+void lull_demodulate_avx2(float *out, const lull_encoding *from, const float *smooth,
+                            const uint8_t *codes, size_t code_step, const float *table,
+                            unsigned pixels);
+void lull_blend_avx2(float *out, unsigned channels, const float *filtered, const float *near,
+                       const float *far, unsigned pairs);
+void lull_modulate_avx2(float *out, const float *v, const float *smooth, float unscale, size_t n);
 
 #endif

@@ -27,6 +27,12 @@ static const layer layers[] = {
     {"2x2 64 + wide 3x3 9->64", 64, 64, 2, 2, 9, 0},
     {"wide 3x3 9->32", 32, 9, 3, 3, 0, 1},
     {"wide 3x3 32->3", 3, 32, 3, 3, 0, 1},
+    {"3x3 12->16", 16, 12, 3, 3, 0, 0},
+    {"3x3 16->16", 16, 16, 3, 3, 0, 0},
+    {"2x2 24 + 3x3 16->16", 16, 24, 2, 2, 16, 0},
+    {"1x1 16->52", 52, 16, 1, 1, 0, 0},
+    {"3x3 24->24", 24, 24, 3, 3, 0, 0},
+    {"3x3 8->8", 8, 8, 3, 3, 0, 0},
 };
 
 static double cpu_seconds(void)
@@ -213,6 +219,32 @@ static void run_filter5(const lull_kernels *k)
     k->filter5(floats, filter_rows, bytes, CODE_STEP, floats + 256 * PIXELS, PIXELS);
 }
 
+static void run_encode(const lull_kernels *k)
+{
+    lull_encoding from = {floats, floats + 64 * PIXELS, floats + 128 * PIXELS, 1.0f, 65504.0f, 0};
+    k->encode(bytes, &from, PIXELS);
+}
+
+static void run_demodulate(const lull_kernels *k)
+{
+    lull_encoding from = {floats + 64 * PIXELS, NULL, NULL, 1.0f, 65504.0f, 0};
+    k->demodulate(floats, &from, floats + 128 * PIXELS, bytes, CODE_STEP, floats + 256 * PIXELS,
+                  PIXELS);
+}
+
+static void run_blend(const lull_kernels *k)
+{
+    k->blend(floats, 3, floats + 64 * PIXELS, floats + 128 * PIXELS, floats + 256 * PIXELS,
+             PIXELS / 2);
+}
+
+static void run_spread(const lull_kernels *k) { k->spread(floats, floats + 64 * PIXELS, PIXELS); }
+
+static void run_modulate(const lull_kernels *k)
+{
+    k->modulate(floats, floats + 64 * PIXELS, floats + 128 * PIXELS, 0.5f, 3 * PIXELS);
+}
+
 static double pixel_time(void (*run)(const lull_kernels *), const lull_kernels *kernels)
 {
     double best[RUNS];
@@ -237,7 +269,7 @@ static unsigned bench_pixels(const char *port, const lull_kernels *kernels,
     floats = memory(512 * PIXELS * sizeof *floats);
     bytes = memory(512 * PIXELS);
     for (unsigned i = 0; i < 512 * PIXELS; i++) {
-        floats[i] = (float)(i * 37 % 101) * 0.01f;
+        floats[i] = (float)(1 + i * 37 % 101) * 0.01f;
         bytes[i] = (uint8_t)(i * 37 % 251);
     }
     for (unsigned y = 0; y < 5; y++)
@@ -249,6 +281,11 @@ static unsigned bench_pixels(const char *port, const lull_kernels *kernels,
     BENCH(pool_f32, "32 channels")
     BENCH(pool_u8, "32 channels")
     BENCH(filter5, "25 codes")
+    BENCH(encode, "12 codes")
+    BENCH(demodulate, "3 channels")
+    BENCH(blend, "3 channels")
+    BENCH(spread, "3 channels")
+    BENCH(modulate, "3 channels")
     forget(floats);
     forget(bytes);
     return done;

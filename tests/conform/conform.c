@@ -366,52 +366,7 @@ static void winograd_out_cases(void)
             winograd_out_case(channels, 1 + guard_below(7), is_pooled);
 }
 
-/* ---- Filter
- * --------------------------------------------------------------------------------------- */
-
-static void filter5_case(unsigned pixels, unsigned code_step)
-{
-    int at_end = guard_below(2) != 0;
-    size_t row_floats = 4 * ((size_t)pixels + 4);
-    float *out = guard_place(GUARD_OUT, (size_t)pixels * 16, at_end);
-    float *table = guard_place(GUARD_WEIGHTS, 256 * sizeof *table, at_end);
-    uint8_t *codes = guard_place(GUARD_BIAS, (size_t)(pixels - 1) * code_step + 25, at_end);
-    const float *rows[5];
-    for (unsigned q = 0; q < 256; q++)
-        table[q] = now.pattern == CASES_MIN   ? 0.0f
-                   : now.pattern == CASES_MAX ? 1.0f
-                                              : (float)guard_below(1u << 20) / 1048576.0f;
-    for (size_t i = 0; i < (size_t)(pixels - 1) * code_step + 25; i++)
-        codes[i] = now.pattern == CASES_ALTERNATING ? (uint8_t)(i & 1 ? 255 : 0)
-                                                    : (uint8_t)guard_below(256);
-    for (unsigned r = 0; r < 5; r++) {
-        float *row = guard_place(GUARD_ROW + r, row_floats * sizeof *row, at_end);
-        for (size_t i = 0; i < row_floats; i++)
-            row[i] = now.pattern == CASES_MAX ? 65504.0f : (float)guard_below(1u << 24) * 0.001f;
-        rows[r] = row + 8;
-    }
-    for (unsigned p = 0; p < pixels; p++) /* the definition */
-        for (unsigned c = 0; c < 4; c++) {
-            volatile float sum = 0, product;
-            for (unsigned k = 0; k < 25; k++) {
-                product = table[codes[p * code_step + k]] *
-                          rows[k / 5][4 * ((ptrdiff_t)p + (int)(k % 5) - 2) + (int)c];
-                sum = sum + product;
-            }
-            product = sum;
-            memcpy(expected + (4 * (size_t)p + c) * 4, (const void *)&product, 4);
-        }
-    now.port->filter5(out, rows, codes, code_step, table, pixels);
-    now.cases++;
-    if (!CHECK(memcmp(out, expected, (size_t)pixels * 16) == 0))
-        printf("  with %u pixels, code step %u\n", pixels, code_step);
-}
-
-static void filter5_cases(void)
-{
-    for (unsigned pixels = 1; pixels <= 40; pixels++)
-        filter5_case(pixels, pixels & 1 ? 27 : 52);
-}
+#include "filter_cases.h"
 
 /* ---- Slots
  * ---------------------------------------------------------------------------------------- */

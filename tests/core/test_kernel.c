@@ -75,12 +75,28 @@ static const run_case cases[] = {{7, LULL_HDR, "out_7_hdr.f32"},
                                  {2, LULL_LDR, "out_2_ldr.f32"},
                                  {4, LULL_LDR, "out_4_ldr.f32"}};
 
-static const unsigned variants[][4] = {/* threads, row step, strip width, in place */
-                                       {1, 0, 0, 0},
-                                       {3, 1, 0, 0},
-                                       {2, 5, 16, 0},
-                                       {1, 16, 32, 1},
-                                       {7, 2, 16, 1}};
+static const unsigned variants[][5] = {/* threads, row step, strip width, in place, streamed */
+                                       {1, 0, 0, 0, 0},  {3, 1, 0, 0, 0},  {2, 5, 16, 0, 0},
+                                       {1, 16, 32, 1, 0}, {7, 2, 16, 1, 0}, {2, 4, 0, 0, 1}};
+
+/* The same image through lull_rows, seven rows at a time. */
+static void push_rows(lull_plan *plan, const lull_images *images, const run_case *c,
+                      const lull_host *host)
+{
+    lull_images part = *images;
+    lull_image *all[] = {&part.color, &part.albedo, &part.normal};
+    int is_hdr = c->content == LULL_HDR || c->content == LULL_LIGHTMAP_HDR;
+    CHECK_EQ(lull_rows_begin(plan, is_hdr ? lull_autoexposure(&images->color, WIDTH, HEIGHT) : NAN),
+             LULL_OK);
+    for (unsigned y = 0, rows, ready; y < HEIGHT; y += rows) {
+        rows = HEIGHT - y < 7 ? HEIGHT - y : 7;
+        CHECK_EQ(lull_rows(plan, &part, rows, &ready, host), LULL_OK);
+        for (unsigned f = 0; f < 3; f++)
+            if (all[f]->data)
+                all[f]->data = (float *)all[f]->data + 3 * (size_t)WIDTH * rows;
+        part.output.data = (float *)part.output.data + 3 * (size_t)WIDTH * ready;
+    }
+}
 
 static void run_one(const run_case *c, const void *weights, size_t bytes, uint32_t ports,
                     const unsigned *variant, const float *expected)
@@ -107,13 +123,20 @@ static void run_one(const run_case *c, const void *weights, size_t bytes, uint32
     frame.row_step = variant[1];
     frame.strip_width = variant[2];
     frame.in_place = variant[3];
+    frame.streamed = variant[4];
     images.output.data = variant[3] ? feature[main_feature] : out;
     images.output.channels = 3;
     CHECK_EQ(lull_model_init(&model, model_memory, model_bytes, weights, bytes, ports), LULL_OK);
     plan_bytes = lull_plan_size(&frame, model);
     plan_memory = aligned(plan_bytes);
     CHECK_EQ(lull_plan_init(&plan, plan_memory, plan_bytes, &frame, model), LULL_OK);
-    CHECK_EQ(lull_run(plan, &images, &host), LULL_OK);
+    if (variant[4]) {
+        push_rows(plan, &images, c, &host);
+    } else {
+        if (!variant[3])
+            CHECK_EQ(lull_rows_begin(plan, 1.0f), LULL_ERROR_UNSUPPORTED);
+        CHECK_EQ(lull_run(plan, &images, &host), LULL_OK);
+    }
     CHECK(memcmp(images.output.data, expected, VALUES * sizeof *out) == 0);
     free(plan_memory);
     free(model_memory);
