@@ -2,6 +2,7 @@
 """Export a training result.
 
     python -m export.export -r my_result                     fp16 weights (TZA) for lull and OIDN
+    python -m export.export -r my_result --int8              the integer model, for lull
     python -m export.export -r my_result package             the result as a zip file
     python -m export.export -r my_result onnx|onnx_noparams  the network for other runtimes
 """
@@ -13,9 +14,9 @@ from pathlib import Path
 import torch
 
 from export.onnx import write_onnx
-from export.tza import TzaError, write_weights
+from export.tza import TzaError, Writer, write_weights
 from training import errors
-from training.errors import STATE, ToolError
+from training.errors import STATE, USAGE, ToolError
 from training.imageio import replacing
 from training.result import Result, load_model
 from training.settings import Settings, parse
@@ -25,6 +26,8 @@ ONNX_SIZE = (1088, 1920)  # height and width of the exported graph
 
 def main(argv: list[str]) -> None:
     settings = parse("export", argv, __doc__)
+    if settings.int8 and settings.target != "weights":
+        raise ToolError("--int8 goes with the target weights", USAGE)
     print(f"PyTorch: {torch.__version__}")
     result = Result(settings.results_dir, settings.result)
     result.require()
@@ -41,8 +44,24 @@ def output_path(result: Result, settings: Settings, extension: str) -> Path:
     return result.folder / f"{result.name}{mark}{extension}"
 
 
+def export_integer(result: Result, settings: Settings) -> Path:
+    """The integer model (docs/arithmetic.md, docs/kernel-prediction.md)."""
+    from training.integer_stage import integer_weights
+    path = output_path(result, settings, ".int8.tza")
+    try:
+        tensors = integer_weights(result, settings)
+        with replacing(path) as tmp, Writer(tmp) as w:
+            for name, tensor in tensors.items():
+                w.write(name, tensor)
+    except ValueError as e:
+        raise ToolError(f"{path}: {e}", STATE) from e
+    return path
+
+
 def export_weights(result: Result, settings: Settings) -> Path:
     """Every tensor as fp16, named and laid out as Open Image Denoise reads it."""
+    if settings.int8:
+        return export_integer(result, settings)
     model, _, _ = load_model(result, settings.num_epochs, settings.best, settings.weights)
     path = output_path(result, settings, ".tza")
     tensors = {k: v.detach().contiguous().cpu().numpy() for k, v in model.state_dict().items()}
@@ -61,7 +80,8 @@ def export_package(result: Result, settings: Settings) -> Path:
     path = Path(settings.output or result.folder.parent / f"{result.name}.zip")
     files = [result.folder / "config.json", result.checkpoints / "latest",
              result.checkpoints / f"checkpoint_{result.latest_epoch()}.pth",
-             result.checkpoints / "best.pth", *sorted((result.folder / "log").glob("events.out.*"))]
+             result.checkpoints / "best.pth", result.checkpoints / "integer.pth",
+             *sorted((result.folder / "log").glob("events.out.*"))]
     with replacing(path) as tmp, zipfile.ZipFile(tmp, "w", zipfile.ZIP_DEFLATED) as z:
         for f in files:
             if f.exists():
@@ -72,6 +92,9 @@ def export_package(result: Result, settings: Settings) -> Path:
 def export_onnx(result: Result, settings: Settings, params: bool = True) -> Path:
     """The network alone (no exposure, no transfer function) with a fixed size."""
     model, _, _ = load_model(result, settings.num_epochs, settings.best, settings.weights)
+    if model.net.family != "U":
+        raise ToolError("ONNX files hold networks of family U only; a model of family K is a "
+                        "network and a filter", USAGE)
     path = output_path(result, settings, ".onnx" if params else ".noparams.onnx")
     with replacing(path) as tmp:
         write_onnx(tmp, model, *ONNX_SIZE, params=params, half=settings.device == "cuda")

@@ -1,8 +1,8 @@
 """Quantises a K model: `python -m export.quantize_kernel IN.tza OUT.tza --data DIR`.
 
-IN is the fp16 export of a trained model, DIR a data set in the layout of training
-(docs/training.md); some of its noisy images, with all features or fewer, fix the ranges of the
-activations.
+IN is the fp16 export of a trained model, or its state dict (.pt), DIR a data set in the layout of
+training (docs/training.md); some of its noisy images, with all features or fewer, fix the ranges of
+the activations.
 """
 from __future__ import annotations
 
@@ -80,6 +80,15 @@ def calibration_input(images: dict[str, np.ndarray], content: str = "hdr") -> np
     return codes.astype(np.float32) / np.float32(255)
 
 
+def varied(images: dict[str, np.ndarray], i: int) -> tuple[dict[str, np.ndarray], str]:
+    """Calibration picture number i and its content: features are left out by turns, some clip."""
+    absent = ((), (), ("normal",), ("albedo", "normal"))[i % 4]
+    frame = {f: image for f, image in images.items() if f not in absent}
+    if i % 6 == 5:
+        return frame | {"color": np.minimum(frame["color"], 1.0)}, "ldr"
+    return frame, "hdr"
+
+
 def calibration_set(folder: Path, count: int) -> list[np.ndarray]:
     """Inputs from `count` groups of a data set, evenly spread; features and content change."""
     from training.features import load
@@ -89,12 +98,22 @@ def calibration_set(folder: Path, count: int) -> list[np.ndarray]:
     for i, group in enumerate(groups[::max(len(groups) // count, 1)][:count]):
         images = load(group.inputs[i % len(group.inputs)], ["hdr", "alb", "nrm"])
         frame = {"color": images["hdr"], "albedo": images["alb"], "normal": images["nrm"]}
-        for feature in ((), (), ("normal",), ("albedo", "normal"))[i % 4]:
-            del frame[feature]
-        if i % 6 == 5:
-            frame["color"] = np.minimum(frame["color"], 1.0)
-        inputs.append(calibration_input(frame, "ldr" if i % 6 == 5 else "hdr"))
+        inputs.append(calibration_input(*varied(frame, i)))
     return inputs
+
+
+def read_tensors(path: Path) -> dict[str, np.ndarray]:
+    """Weights by name from a .tza, or from a .pt that holds a state dict."""
+    if path.suffix != ".pt":
+        return dict(Reader(path))
+    import torch
+    try:
+        state = torch.load(path, weights_only=True)
+        return {k: v.numpy().astype(np.float16) for k, v in state.items()}
+    except OSError:
+        raise
+    except Exception as e:  # a damaged file shows as one of many kinds of exception
+        raise ValueError(f"{path}: no state dict ({type(e).__name__})") from e
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -105,7 +124,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--count", type=int, default=12, help="how many of its groups (12)")
     args = parser.parse_args(argv)
     try:
-        tensors = dict(Reader(args.input))
+        tensors = read_tensors(args.input)
         model = kernel.FloatTrunk(kernel.find_trunk(tensors, str(args.input)), tensors)
         inputs = calibration_set(args.data, args.count)
     except (ValueError, OSError) as e:

@@ -51,10 +51,10 @@ def load_prefilters(settings: Settings) -> list[Prefilter]:
 
 
 def run_network(model: torch.nn.Module, codes: np.ndarray) -> np.ndarray:
-    """[H,W,C] network codes -> [H,W,Cout], padded with zeros to multiples of 16 on the way."""
+    """[H,W,C] network codes -> [H,W,Cout], padded on the way as the model needs it."""
     h, w = codes.shape[:2]
     device = next(model.parameters()).device
     x = torch.from_numpy(np.ascontiguousarray(codes.transpose(2, 0, 1), np.float32))[None]
     with torch.no_grad():
-        y = model(nets.pad_to(x.to(device)))[0, :, :h, :w]
+        y = model(nets.pad_to(x.to(device), getattr(model, "align", nets.ALIGN)))[0, :, :h, :w]
     return y.float().cpu().numpy().transpose(1, 2, 0)

@@ -13,12 +13,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from training import color
+from training import color, kernel_model
 from training.errors import DATA, ToolError
 from training.features import encode, load
 from training.scan import CHANNELS, FEATURES, Group, Scan
 
 BORDER_P, BORDER_MAX = 0.1, 15  # tiles that are cut short and zero padded, as at image borders
+WHITES = (-0.5, 2.0)            # stops by which a tile is brighter before it is clipped
 BLACK_P = 0.01                  # tiles made black: aux features alone are no light
 
 
@@ -42,6 +43,8 @@ class Augment:
     blend: float = 0.0      # share of inputs moved towards the target by a random amount
     clean_aux: float = 0.0  # share of inputs that get the reference's aux features
     signs: float = 0.0      # share of tiles whose normals get random axis signs
+    drop: float = 0.0       # family K: share of tiles that lose auxiliary features
+    clip: float = 0.0       # family K: share of tiles clipped at a random white (hdr only)
 
 
 class HalfTable:
@@ -106,13 +109,15 @@ class Batches:
     """Map-style data set of batches: `self[step]` is (input [N,C,t,t], target [N,Cm,t,t]) in fp32.
 
     An epoch visits every (input, target) pair once, one random tile of each; the last batch of an
-    epoch is filled from its beginning. rank of world takes its share of each batch.
+    epoch is filled from its beginning. rank of world takes its share of each batch. For family K
+    the inputs are `kernel_model.planes`.
     """
 
     def __init__(self, pictures: list[Picture], features: list[str], main: str, transfer: str,
                  batch_size: int, tile: int, seed: int, augment: Augment = Augment(),
-                 clean_aux: bool = False, rank: int = 0, world: int = 1):
+                 clean_aux: bool = False, rank: int = 0, world: int = 1, family: str = "U"):
         self.pictures, self.main, self.seed, self.augment = pictures, main, seed, augment
+        self.family = family
         self.tile, self.clean_aux, self.batch_size = tile, clean_aux, batch_size
         self.rank, self.world = rank, world
         self.features = [f for f in FEATURES if f in features]
@@ -153,39 +158,49 @@ class Batches:
         th, tw = t - short[0], t - short[1]
         y0, x0 = int(rng.integers(0, h - th + 1)), int(rng.integers(0, w - tw + 1))
         cut = np.s_[y0:y0 + th, x0:x0 + tw]
-        x, y = self.light(picture, pair[1], cut, rng)
+        x, y, clipped = self.light(picture, pair[1], cut, rng)
         x, y = shuffle(x, y, self.features, self.main, rng, self.augment.signs)
         if x.shape[-1] > y.shape[-1] and rng.random() < BLACK_P:
             x[..., :y.shape[-1]] = 0.0
             y[:] = 0.0
+        if self.family == "K":
+            x = kernel_model.planes(x, self.features, *self.presence(rng), clipped)
         pad = ((0, t - x.shape[0]), (0, t - x.shape[1]), (0, 0))
         return tuple(np.ascontiguousarray(np.pad(a, pad).transpose(2, 0, 1)) for a in (x, y))
 
-    def light(self, picture: Picture, k: int, cut, rng) -> tuple[np.ndarray, np.ndarray]:
-        """Input and target tile, [h,w,C] fp32, after the augmentations that touch radiance."""
+    def presence(self, rng: np.random.Generator) -> tuple[bool, bool]:
+        """Whether a tile keeps its albedo and its normals."""
+        u, drop = rng.random(), self.augment.drop
+        return not (u < 0.5 * drop or 0.8 * drop <= u < drop), not u < 0.8 * drop
+
+    def light(self, picture: Picture, k: int, cut, rng) -> tuple[np.ndarray, np.ndarray, bool]:
+        """Input and target tile, [h,w,C] fp32, after the augmentations that touch radiance, and
+        whether they were clipped at 1."""
         m, a = self.main_channels, self.augment
         x, y = picture.inputs[k][cut], picture.target[cut]
         aux = y[..., m:] if self.clean_aux else x[..., m:]
         stops = rng.uniform(-a.exposure, a.exposure) if self.main == "hdr" and a.exposure else 0.0
         average = rng.random() < a.average and len(picture.inputs) > 1
         blend, clean = rng.random() < a.blend, rng.random() < a.clean_aux
+        clip = self.family == "K" and self.main == "hdr" and rng.random() < a.clip
         if y.shape[-1] > m and clean:
             aux = y[..., m:]
         elif average and not self.clean_aux:
             aux = np.average([v[cut][..., m:].astype(np.float32) for v in picture.inputs], 0,
                              picture.weights)
         xm, ym = x[..., :m], y[..., :m]
-        if stops or average or blend:
+        if stops or average or blend or clip:
             xr, yr = self.table.decode(xm), self.table.decode(ym)
             if average:
                 xr = np.average([self.table.decode(v[cut][..., :m]) for v in picture.inputs], 0,
                                 picture.weights).astype(np.float32)
             if blend:
                 xr = yr + np.float32(rng.uniform(0.2, 1.0)) * (xr - yr)
-            scale = np.float32(2.0**stops)
-            xm, ym = self.table.encode(xr * scale), self.table.encode(yr * scale)
+            scale = np.float32(2.0**(stops + rng.uniform(*WHITES) if clip else stops))
+            top = np.float32(1 if clip else color.HDR_MAX)
+            xm, ym = (self.table.encode(np.minimum(v * scale, top)) for v in (xr, yr))
         x = np.concatenate([xm, aux], -1).astype(np.float32)
-        return x, ym.astype(np.float32)
+        return x, ym.astype(np.float32), clip
 
 
 def shuffle(x: np.ndarray, y: np.ndarray, features: list[str], main: str, rng: np.random.Generator,

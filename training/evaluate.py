@@ -29,7 +29,7 @@ import torch
 from export.tza import Reader
 from training import color, errors, metrics, nets, peer
 from training.data import hold_out
-from training.errors import DATA, DEPENDENCY, USAGE, ToolError
+from training.errors import DATA, DEPENDENCY, STATE, USAGE, ToolError
 from training.features import load
 from training.imageio import read_exr_channels, replacing
 from training.infer import Denoiser
@@ -94,7 +94,7 @@ def load_denoiser(path: Path, features: list[str]) -> Denoiser | Program:
     if any(t.dtype == np.int8 for t in Reader(path).values()):
         return Program(path, features)
     model = from_tensors(read_weights(path)).eval()
-    if model.inputs != 3 * len(features):
+    if model.net.family == "U" and model.inputs != 3 * len(features):
         raise ToolError(f"{path}: has {model.inputs} input channels, {','.join(features)} are "
                         f"{3 * len(features)}", USAGE)
     return Denoiser(model, features, features[0], "pu", [])
@@ -112,7 +112,7 @@ def evaluate(case: Case, path: Path, denoiser: Denoiser | Program,
     row: dict = {"case": case.name, "spp": case.source.spp}
     if binary:
         outputs["oidn"] = peer.denoise(binary, images)
-        if not isinstance(denoiser, Program):  # OIDN knows no integer models
+        if not isinstance(denoiser, Program) and denoiser.model.net.family == "U":
             theirs = peer.denoise(binary, images, path.resolve())
             row["agreement"] = peer.difference(outputs["lull"], theirs)
     for method, image in outputs.items():
@@ -139,10 +139,11 @@ def table(rows: list[dict], pictures: list[dict]) -> list[str]:
 
 def verdict(rows: list[dict]) -> str:
     """How many cases improve, in words."""
-    worse = [r["case"] for r in rows
-             if any(r["lull"][n] <= r["noisy"][n] for n in ("psnr", "ssim"))]
+    names = [n for n in rows[0]["lull"] if n in ("psnr", "ssim")]
+    worse = [r["case"] for r in rows if any(r["lull"][n] <= r["noisy"][n] for n in names)]
     better = len(rows) - len(worse)
-    text = f"{better} of {len(rows)} pictures are better than their input in PSNR and SSIM"
+    text = f"{better} of {len(rows)} pictures are better than their input"
+    text += f" in {' and '.join(names).upper().replace('AND', 'and')}" if names else ""
     text += f" (not: {', '.join(worse)})." if worse else "."
     far = [r["case"] for r in rows if "agreement" in r
            and (r["agreement"][0] > 0.003 or r["agreement"][1])]
@@ -151,6 +152,16 @@ def verdict(rows: list[dict]) -> str:
         text += f" OIDN 2.5.1 running the same weights differs by {mean:.1e} on average" \
                 f" ({len(far)} pictures beyond its tolerance of 3e-3)."
     return text
+
+
+def check_gain(title: str, rows: list[dict], least: float | None) -> None:
+    """Says what the mean PSNR gains; ToolError if that is less than wanted."""
+    if "psnr" not in rows[0]["lull"]:
+        return
+    gain = float(np.mean([r["lull"]["psnr"] - r["noisy"]["psnr"] for r in rows]))
+    print(f"{title}: {gain:+.2f} dB on average")
+    if least is not None and gain < least:
+        raise ToolError(f"{title}: {gain:.2f} dB gained, {least:g} wanted", STATE)
 
 
 def by_spp(rows: list[dict]) -> list[dict]:
@@ -187,6 +198,9 @@ def main(argv: list[str]) -> None:
     parser.add_argument("--report", type=Path, help="Markdown file to put the tables into")
     parser.add_argument("--json", type=Path, help="all figures")
     parser.add_argument("--metric", nargs="*", default=NAMES, choices=tuple(metrics.METRICS))
+    parser.add_argument("--spp", type=int, nargs="*", help="only pictures of these sample counts")
+    parser.add_argument("--least_gain", type=float, metavar="DB",
+                        help="status 4 if the mean PSNR of a set gains less than this")
     parser.add_argument("--no_oidn", action="store_true", help="do not run the real OIDN")
     args = parser.parse_args(argv)
     torch.set_num_threads(1)
@@ -206,7 +220,8 @@ def main(argv: list[str]) -> None:
         lines += [f"### {path.stem}", ""]
         for title, cases in sets:
             rows = []
-            for case in (c for c in cases if has_features(c.source, features)):
+            for case in (c for c in cases if has_features(c.source, features)
+                         and (not args.spp or c.source.spp in args.spp)):
                 rows.append(evaluate(case, path, denoiser, binary, list(args.metric)))
                 r = rows[-1]
                 print(f"{path.stem} {case.name}: " + ", ".join(
@@ -215,6 +230,7 @@ def main(argv: list[str]) -> None:
             if not rows:
                 continue
             print(verdict(rows))
+            check_gain(title, rows, args.least_gain)
             short = by_spp(rows) if title.startswith("held out") else rows
             lines += [f"**{title}** ({len(rows)} pictures)", "", *table(short, rows), "",
                       verdict(rows)]

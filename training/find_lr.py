@@ -21,13 +21,12 @@ import torch
 
 from training import errors, parallel
 from training.console import Bar
-from training.data import Batches
 from training.errors import USAGE, ToolError
 from training.imageio import replacing
 from training.loss import make_loss
 from training.result import make_model
 from training.settings import Settings, parse, unique_id
-from training.train import augmentation, open_data
+from training.train import make_batches, open_data
 
 SMOOTHING, DIVERGED, MIN_STEPS = 0.98, 4.0, 100
 
@@ -43,9 +42,7 @@ def main(argv: list[str]) -> None:
 
 def worker(settings: Settings, team: parallel.Team) -> None:
     pictures, _ = open_data(settings, print if team.rank == 0 else lambda *a: None)
-    batches = Batches(pictures, settings.features, settings.main_feature, settings.transfer,
-                      settings.batch_size, settings.tile_size, settings.seed,
-                      augmentation(settings), settings.clean_aux, team.rank, team.world)
+    batches = make_batches(pictures, settings, team)
     steps = settings.num_steps or max(batches.steps_per_epoch, MIN_STEPS)
     if steps < 2:
         raise ToolError("--num_steps: a sweep needs at least 2", USAGE)

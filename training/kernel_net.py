@@ -146,10 +146,11 @@ def apply_filter(heads: list[Tensor], radiance: Tensor, albedo: Tensor,
         s = kernel_filter(parts[level][0], v)
         filtered.append(s[:, 1:] / s[:, :1])
         if level + 1 < LEVELS:
-            pooled = F.avg_pool2d(v, 2)
+            pooled = F.avg_pool2d(v, 2, ceil_mode=True)
             i = pooled[:, 1:] / pooled[:, :1]
     out = filtered[-1]
     for level in range(LEVELS - 2, -1, -1):
         beta = torch.sigmoid(parts[level][2] - 8.0)
-        out = filtered[level] + beta * (upsample(out) - filtered[level])
+        f = filtered[level]
+        out = f + beta * (upsample(out)[..., :f.shape[-2], :f.shape[-1]] - f)
     return out * smooth

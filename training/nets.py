@@ -1,8 +1,8 @@
 """Networks: torch modules built from lib/nets.def, the only description of topologies.
 
-A model is a topology of nets.def plus channel widths (configs/models.json, one width per layer
-except the last, whose width is the number of output channels). Tensors are named as in a weights
-file, `<layer>.weight` and `<layer>.bias`, so a state dict is the content of a TZA.
+A model is a topology of nets.def plus channel widths (configs/models.json): one width per layer,
+in family U except the last, whose width is the number of output channels. Tensors are named as in a
+weights file, `<layer>.weight` and `<layer>.bias`, so a state dict is the content of a TZA.
 """
 from __future__ import annotations
 
@@ -15,6 +15,9 @@ import numpy as np
 import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
+
+from training.kernel_model import KernelModel
+from training.kernel_net import parse_heads
 
 ROOT = Path(__file__).resolve().parent.parent
 NETS_DEF = ROOT / "lib" / "nets.def"
@@ -118,19 +121,19 @@ class DirectNet(nn.Module):
         return total
 
 
-FAMILIES = {"U": DirectNet}  # family letter of nets.def -> module
-
-
 def model_table() -> dict[str, dict]:
     """configs/models.json: model name -> {"net": topology, "widths": [...]}."""
     return json.loads(MODELS_JSON.read_text())
 
 
-def build(model: str, inputs: int, outputs: int = 3) -> nn.Module:
-    """A fresh model by name, or `<topology>:w,w,...` with one width per layer but the last."""
+def find_model(model: str) -> tuple[Topology, list[int]]:
+    """Topology and widths of a model by name, or of `<topology>:width,width,...`."""
     if ":" in model:
         name, text = model.split(":", 1)
-        spec = {"net": name, "widths": [int(w) for w in text.split(",")]}
+        try:
+            spec = {"net": name, "widths": [int(w) for w in text.split(",")]}
+        except ValueError:
+            raise ValueError(f"model '{model}': widths are whole numbers") from None
     else:
         table = model_table()
         if model not in table:
@@ -140,17 +143,29 @@ def build(model: str, inputs: int, outputs: int = 3) -> nn.Module:
     if spec["net"] not in nets:
         raise ValueError(f"unknown topology '{spec['net']}' (known: {', '.join(nets)})")
     net = nets[spec["net"]]
-    if len(spec["widths"]) != len(net.layers) - 1:
-        raise ValueError(f"model '{model}' needs {len(net.layers) - 1} widths")
-    return FAMILIES[net.family](net, inputs, [*spec["widths"], outputs])
+    count = len(net.layers) - (net.family == "U")
+    if len(spec["widths"]) != count or min(spec["widths"]) < 1:
+        raise ValueError(f"model '{model}' needs {count} widths")
+    return net, spec["widths"]
+
+
+def build(model: str, inputs: int, outputs: int = 3) -> nn.Module:
+    """A fresh model; `inputs` and `outputs` are those of family U, family K has its own."""
+    net, widths = find_model(model)
+    return _module(net, inputs, widths if net.family == "K" else [*widths, outputs])
+
+
+def _module(net: Topology, inputs: int, widths: list[int]) -> nn.Module:
+    if net.family == "K":
+        return KernelModel(net, parse_heads(NETS_DEF.read_text(), net.name), widths)
+    return DirectNet(net, inputs, widths)
 
 
 def from_tensors(tensors: dict) -> nn.Module:
     """The module of a weights file's tensors (arrays by name); channel widths are their shapes."""
     net = identify(list(tensors))
     widths = [int(tensors[f"{layer.name}.bias"].shape[0]) for layer in net.layers]
-    inputs = int(tensors[f"{net.layers[0].name}.weight"].shape[1])
-    model = FAMILIES[net.family](net, inputs, widths)
+    model = _module(net, int(tensors[f"{net.layers[0].name}.weight"].shape[1]), widths)
     wanted = model.state_dict()
     model.load_state_dict({k: _tensor(tensors[k]) for k in wanted})
     return model

@@ -134,23 +134,31 @@ def compiled(model: torch.nn.Module, settings: Settings, team: Team) -> Callable
 
 
 class Mixed:
-    """fp16 autocast with a gradient scaler on CUDA; nothing elsewhere."""
+    """Autocast: fp16 with a gradient scaler on CUDA, bf16 anywhere, or none."""
 
     def __init__(self, settings: Settings, team: Team):
-        wanted = settings.precision or ("mixed" if team.device.type == "cuda" else "fp32")
-        if wanted == "mixed" and team.device.type != "cuda":
-            raise ToolError("--precision mixed needs a cuda device", USAGE)
+        self.device = team.device.type
+        wanted = settings.precision or ("mixed" if self.device == "cuda" else "fp32")
+        if wanted == "mixed" and self.device != "cuda":
+            raise ToolError("--precision mixed needs a cuda device; bf16 does not", USAGE)
+        self.type = {"mixed": torch.float16, "bf16": torch.bfloat16}.get(wanted)
         self.scaler = torch.amp.GradScaler("cuda") if wanted == "mixed" else None
 
     def autocast(self):
-        if self.scaler is None:
+        if self.type is None:
             return contextlib.nullcontext()
-        return torch.autocast("cuda", torch.float16)
+        return torch.autocast(self.device, self.type)
 
     def backward(self, loss: Tensor) -> None:
         (loss if self.scaler is None else self.scaler.scale(loss)).backward()
 
-    def step(self, optimizer: torch.optim.Optimizer) -> None:
+    def step(self, optimizer: torch.optim.Optimizer, clip: float = 0.0) -> None:
+        """A step of the optimiser; clip: largest norm of the gradient, 0: any."""
+        if self.scaler is not None and clip > 0:
+            self.scaler.unscale_(optimizer)
+        if clip > 0:
+            params = [p for group in optimizer.param_groups for p in group["params"]]
+            torch.nn.utils.clip_grad_norm_(params, clip)
         if self.scaler is None:
             optimizer.step()
         else:

@@ -18,6 +18,7 @@ if __name__ == "__main__" and not __package__:  # run as a file: go on as a modu
 
 import argparse
 import dataclasses
+import math
 from pathlib import Path
 
 import numpy as np
@@ -38,6 +39,7 @@ from training.scan import scan
 
 TRANSFERS = {"hdr": "pu", "ldr": "srgb", "srgb": "linear", "lightmap-hdr": "log"}
 CALIBRATION = 12  # pictures of the data set
+SAVE_EVERY = 100  # steps
 
 
 def through(exact: Tensor, smooth: Tensor) -> Tensor:
@@ -95,6 +97,11 @@ class IntegerLayer(nn.Module):
         if isinstance(wide, Tensor):
             shifted = (wide.detach() + ((1 << s.shift) >> 1)).div(1 << s.shift).floor()
             total = total + through(shifted, wide / (1 << s.shift))
+        return self._codes(total)
+
+    def _codes(self, total: Tensor) -> Tensor:
+        """Requantisation and pooling of the accumulators."""
+        s = self.source
         smooth = (total * self.scale.to(total).view(1, -1, 1, 1)).clamp(0, s.out_max)
         a = total.detach().round().long() * self.multiplier.view(1, -1, 1, 1)
         codes = ((a + (1 << 30)) >> 31).clamp(0, s.out_max).to(smooth)
@@ -111,6 +118,28 @@ class IntegerLayer(nn.Module):
         s = self.source
         return dataclasses.replace(s, weight=whole(self.weight, s.source_max),
                                    skip=whole(self.skip, s.skip_max),
+                                   bias=self.bias.round().cpu().numpy().astype(np.int32))
+
+
+class IntegerHead(IntegerLayer):
+    """A head of family K: a 1x1 convolution, which models hold as a 3x3 one with zeros around."""
+
+    def __init__(self, source: IntLayer):
+        super().__init__(source)
+        self.weight = nn.Parameter(self.weight.detach()[:, :, 1:2, 1:2].contiguous())
+
+    def forward(self, x: Tensor, skip: Tensor | None) -> Tensor:
+        return self._codes(through(self.bias.round(), self.bias).view(1, -1, 1, 1)
+                           + F.conv2d(x, self._rounded()))
+
+    def _rounded(self) -> Tensor:
+        """The bounds of pairs are those of the 3x3 kernel."""
+        return rounded_weights(F.pad(self.weight, (1, 1, 1, 1)), True)[:, :, 1:2, 1:2]
+
+    @torch.no_grad()
+    def rounded(self) -> IntLayer:
+        weight = F.pad(self._rounded(), (1, 1, 1, 1)).cpu().numpy().astype(np.int8)
+        return dataclasses.replace(self.source, weight=weight,
                                    bias=self.bias.round().cpu().numpy().astype(np.int32))
 
 
@@ -149,25 +178,34 @@ class IntegerNet(nn.Module):
 
 
 def fine_tune(net: IntegerNet, batches: Batches, steps: int, rate: float, loss: str,
-              log=print) -> None:
-    """Adam on weights in units of their own steps; the rate falls to zero along a cosine."""
+              log=print, state: dict | None = None, save=lambda state: None) -> None:
+    """Adam on weights in units of their own steps; the rate falls to zero along a cosine.
+
+    state: what an earlier run gave to `save`, which gets it now and then and at the end.
+    """
     criterion = make_loss(loss)
     net.float().train()
-    groups = [{"params": [p], "lr": rate * (10 if name.endswith("bias") else 1)}
+    groups = [{"params": [p], "base": rate * (10 if name.endswith("bias") else 1)}
               for name, p in net.named_parameters()]
     optimizer = torch.optim.Adam(groups)
-    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, steps)
-    mean = 0.0
-    for step in range(steps):
+    first, mean = 0, 0.0
+    if state:
+        net.load_state_dict(state["net"])
+        optimizer.load_state_dict(state["optimizer"])
+        first, mean = state["step"], state["mean"]
+    for step in range(first, steps):
+        for group in optimizer.param_groups:
+            group["lr"] = group["base"] * (0.5 + 0.5 * math.cos(math.pi * step / steps))
         x, y = batches[step]
         value = criterion(net(x), y)
         optimizer.zero_grad()
         value.backward()
         optimizer.step()
-        schedule.step()
         mean += (value.item() - mean) / min(step + 1, 100)
-        if (step + 1) % 100 == 0 or step + 1 == steps:
+        if (step + 1) % SAVE_EVERY == 0 or step + 1 == steps:
             log(f"step {step + 1} of {steps}: loss {mean:.6f}")
+            save({"step": step + 1, "mean": mean, "net": net.state_dict(),
+                  "optimizer": optimizer.state_dict()})
     net.double()
 
 

@@ -123,14 +123,22 @@ def make_model(settings: Settings) -> torch.nn.Module:
     """A fresh model for the settings of a training."""
     main = settings.get("main_feature") or settings.features[0]
     try:
-        return nets.build(settings.model, input_channels(settings.features), output_channels(main))
+        model = nets.build(settings.model, input_channels(settings.features), output_channels(main))
     except ValueError as e:
         raise ToolError(str(e), 2) from e
+    if model.net.family == "K":
+        model.transfer = settings.transfer
+    return model
 
 
 def read_weights(path: Path) -> dict[str, torch.Tensor]:
-    """Tensors of a .tza weights file."""
+    """Tensors of a .tza weights file, or of a .pt file with a state dict."""
     from export.tza import Reader, TzaError
+    if path.suffix == ".pt":
+        try:
+            return {k: v.float() for k, v in torch.load(path, weights_only=True).items()}
+        except Exception as e:  # a damaged file shows as one of many kinds of exception
+            raise ToolError(f"{path}: no state dict ({type(e).__name__})", STATE) from e
     try:
         return {k: torch.tensor(v).float() for k, v in Reader(path).items()}
     except (TzaError, OSError) as e:

@@ -1,4 +1,4 @@
-"""Options of all scripts in one table, and the settings that come out of them.
+"""The settings of a script, from the table of options.py.
 
 Names, defaults and derived defaults are Open Image Denoise's where it has the option. Precedence:
 command line, then the JSON file of --config, then defaults (theirs lets the file win). Unknown keys
@@ -13,121 +13,16 @@ import re
 import socket
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from training.errors import DATA, USAGE, ToolError
 from training.features import main_feature
-from training.loss import LOSSES, RT_WEIGHTS
+from training.kernel_model import FEATURES as KERNEL_FEATURES
+from training.loss import RT_WEIGHTS
+from training.options import (BY_FAMILY, KERNEL_LR, LR_PER_SAMPLE, LR_PER_SAMPLE_DEFAULT,
+                              MODEL_BY_NET, MODEL_BY_QUALITY, OPTIONS, POSITIONAL, SCRIPTS, Option)
 from training.scan import ALIASES, CHANNELS, FEATURES
-
-SCRIPTS = {"preprocess": "P", "train": "T", "find_lr": "L", "infer": "I", "export": "X",
-           "visualize": "V", "convert_image": "C", "compare_image": "Q", "split_exr": "Z",
-           "doctor": "D"}
-MODEL_BY_QUALITY = {"high": "unet_large", "balanced": "unet", "fast": "unet_small"}
-LR_PER_SAMPLE = {"unet_large": 2.679e-6, "unet_xl": 2.679e-6}  # of a batch; others:
-LR_PER_SAMPLE_DEFAULT = 3.125e-6
-METRICS = ("psnr", "mse", "ssim", "msssim", "flip")
-POSITIONAL = {"features": 0, "target": 0, "input": 1, "images": 2}  # 0: may be missing
-
-
-@dataclass(frozen=True)
-class Option:
-    """One row: spellings, the scripts that take it, its default (or one per script), argparse's."""
-
-    names: str
-    scripts: str
-    default: Any
-    text: str
-    kind: dict
-
-    @property
-    def key(self) -> str:
-        first = self.names.split()[0]
-        return first.lstrip("-").replace("-", "_")
-
-    def default_for(self, script: str) -> Any:
-        return self.default.get(script) if isinstance(self.default, dict) else self.default
-
-
-def _o(names: str, scripts: str, default: Any, text: str, **kind) -> Option:
-    return Option(names, scripts, default, text, kind)
-
-
-FLAG = {"action": "store_true"}
-MANY = {"nargs": "*"}
-INT, FLOAT = {"type": int}, {"type": float}
-
-OPTIONS = (
-    _o("features", "PTLD", [], f"input features: {' '.join(FEATURES)}", **MANY),
-    _o("target", "X", "weights", "what to export", nargs="?",
-       choices=("weights", "package", "onnx", "onnx_noparams")),
-    _o("input", "Z", None, "EXR image to split"),
-    _o("images", "CQ", None, "two images", nargs=2),
-    _o("--config -c", "PTLIXVCQZD", None, "JSON file with settings (the command line wins)"),
-    _o("--clean_aux", "PTL", False, "take auxiliary features from the reference", **FLAG),
-    _o("--filter -f", "PTL", None, "filter to train for: picks defaults",
-       choices=("RT", "RTLightmap")),
-    _o("--quality -q", "PTL", "high", "picks the default model", choices=tuple(MODEL_BY_QUALITY)),
-    _o("--preproc_dir -P", "PTL", "preproc", "folder of preprocessed data sets"),
-    _o("--train_data -t", "PTL", None, "training data set (default: train)"),
-    _o("--valid_data -v", "PT", None, "validation data set (default: valid)"),
-    _o("--hold_out", "T", 0, "validate on this many groups of the training data set", **INT),
-    _o("--raw", "TL", False, "train on the raw data set in memory, without preprocessing", **FLAG),
-    _o("--layers", "PTLID", [], "layers of multichannel EXR files: feature=prefix", **MANY),
-    _o("--shard", "P", None, "work on part i of n of the groups: i/n, i from 0"),
-    _o("--transfer -x", "PTL", None, "transfer function of the main feature",
-       choices=("linear", "srgb", "pu", "log")),
-    _o("--data_dir -D", "PTLID", "data", "folder of raw data sets"),
-    _o("--results_dir -R", "PTLIXV", "results", "folder of results"),
-    _o("--result -r", "TLIXV", None, "name of the result"),
-    _o("--aux_results -a", "PTLI", [], "results that prefilter auxiliary features", **MANY),
-    _o("--num_epochs --epochs -e", "PTIX", {"T": 2000}, "epochs to train, or checkpoint", **INT),
-    _o("--num_valid_epochs --valid_epochs", "T", 10, "validate every n epochs", **INT),
-    _o("--num_save_epochs --save_epochs", "T", 10, "save a checkpoint every n epochs", **INT),
-    _o("--learning_rate --lr", "TL", {"L": 1e-8}, "initial learning rate", **FLOAT),
-    _o("--max_learning_rate --max_lr", "TL", {"L": 0.1}, "largest learning rate", **FLOAT),
-    _o("--learning_rate_warmup --lr_warmup", "T", 0.15, "share of the cycle that rises", **FLOAT),
-    _o("--compile", "T", None, "torch.compile mode (default: reduce-overhead on cuda)",
-       choices=("disable", "default", "reduce-overhead", "max-autotune")),
-    _o("--batch_size --bs -b", "TL", 16, "batch size over all devices", **INT),
-    _o("--num_loaders --loaders -j", "TL", 4, "loader processes per device, or 0", **INT),
-    _o("--precision -p", "TL", None, "training precision", choices=("fp32", "mixed")),
-    _o("--model -m", "TL", None, "model of configs/models.json, or topology:width,width,..."),
-    _o("--loss -l", "TL", "l1_msssim", "loss function", choices=LOSSES),
-    _o("--msssim_weights", "TL", None, "MS-SSIM exponents, finest scale first", nargs="*",
-       type=float),
-    _o("--tile_size --ts", "TL", 256, "side of the training tiles", **INT),
-    _o("--seed -s", "TL", None, "seed of the random numbers (default: from the clock)", **INT),
-    _o("--num_steps", "L", None, "steps of the sweep (default: one epoch, at least 100)", **INT),
-    _o("--time_budget --time-budget", "T", None, "end after this time, e.g. 30m, 2h, 90s"),
-    _o("--ema", "T", 0.999, "decay of the averaged weights; 0: none", **FLOAT),
-    _o("--init", "T", None, "start from the weights of a result or a .tza file"),
-    _o("--exposure_jitter", "TL", 0.0, "random exposure of hdr tiles, +- stops", **FLOAT),
-    _o("--average_inputs", "TL", 0.0, "share of inputs averaged over the group", **FLOAT),
-    _o("--blend_target", "TL", 0.0, "share of inputs blended towards the target", **FLOAT),
-    _o("--mix_clean_aux", "TL", 0.0, "share of inputs with the target's features", **FLOAT),
-    _o("--normal_signs", "TL", 0.0, "share of tiles with random signs of normals", **FLOAT),
-    _o("--metric -M", "IQ", ["psnr", "ssim"], "metrics", nargs="*", choices=METRICS),
-    _o("--input_data -i", "ID", {"I": "test", "D": "train"}, "raw data set to read"),
-    _o("--output_dir -O", "I", "infer", "folder of denoised images"),
-    _o("--output_suffix -o", "I", None, "suffix of denoised images (default: the result's name)"),
-    _o("--format -F", "I", ["exr"], "formats of denoised images", nargs="*"),
-    _o("--save_all", "I", False, "save input and target as well", **FLAG),
-    _o("--output -o", "X", None, "output file"),
-    _o("--weights", "IX", "ema", "which weights of a checkpoint", choices=("ema", "raw")),
-    _o("--best", "IX", False, "the checkpoint of the best validation", **FLAG),
-    _o("--port", "V", 6006, "port of TensorBoard", **INT),
-    _o("--exposure -E", "CQ", 1.0, "linear scale before tone mapping", **FLOAT),
-    _o("--layer", "Z", None, "EXR layer to split"),
-    _o("--device -d", "PTLIX", None, "device", choices=("cpu", "cuda", "mps")),
-    _o("--device_id -k", "PTLIX", 0, "first device", **INT),
-    _o("--num_devices -n", "PTLIX", 1, "processes for data parallel training", **INT),
-    _o("--threads", "PTLI", 0, "CPU threads per process; 0: PyTorch's choice", **INT),
-    _o("--deterministic --det", "PTLIX", {"P": True, "I": True, "X": True, "T": False, "L": False},
-       "deterministic algorithms", **FLAG),
-)
 
 
 class Settings:
@@ -173,6 +68,8 @@ def make_parser(script: str, doc: str = "") -> argparse.ArgumentParser:
     letter = SCRIPTS[script]
     for option in (o for o in OPTIONS if letter in o.scripts):
         kind, text, default = dict(option.kind), option.text, option.default_for(letter)
+        if option.key in BY_FAMILY["U"]:
+            default = f"{BY_FAMILY['U'][option.key]}; family K: {BY_FAMILY['K'][option.key]}"
         if default not in (None, [], False):
             shown = " ".join(map(str, default)) if isinstance(default, list) else default
             text += f" (default: {shown})"
@@ -284,7 +181,7 @@ def derive(script: str, v: dict[str, Any]) -> dict[str, Any]:
         if not v.get("hold_out") and "valid_data" in v:
             v["valid_data"] = "valid"
     if "model" in v:
-        v["model"] = v["model"] or MODEL_BY_QUALITY[v["quality"]]
+        _derive_model(v)
     if "msssim_weights" in v and not v["msssim_weights"] and v.get("filter") == "RT":
         v["msssim_weights"] = list(RT_WEIGHTS)
     if script == "train":
@@ -302,8 +199,32 @@ def derive(script: str, v: dict[str, Any]) -> dict[str, Any]:
     return v
 
 
+def _derive_model(v: dict[str, Any]) -> None:
+    """The model, its family, and what follows from that."""
+    from training.nets import find_model
+    by_net = MODEL_BY_NET.get(v["net"])
+    v["model"] = v["model"] or by_net or MODEL_BY_QUALITY[v["quality"]]
+    try:
+        net, _ = find_model(v["model"])
+    except ValueError as e:
+        raise ToolError(str(e), USAGE) from e
+    if v["net"] not in (None, net.name):
+        raise ToolError(f"--model {v['model']} is not of the topology {v['net']}", USAGE)
+    v["net"], v["family"] = net.name, net.family
+    v |= {k: x for k, x in BY_FAMILY[net.family].items() if k in v and v[k] is None}
+    if net.family == "K":
+        other = [f for f in v["features"] if f not in KERNEL_FEATURES]
+        if other or v["main_feature"] not in ("hdr", "ldr"):
+            raise ToolError(f"family K takes {' '.join(KERNEL_FEATURES)}, with hdr or ldr, not "
+                            f"{' '.join(v['features'])}", USAGE)
+    elif v["drop_features"] or v["clip"]:
+        raise ToolError("--drop_features and --clip are options of family K", USAGE)
+
+
 def _derive_rates(v: dict[str, Any]) -> None:
-    if v["max_learning_rate"] is None:
+    if v["max_learning_rate"] is None and v["family"] == "K":
+        v["max_learning_rate"] = KERNEL_LR * v["batch_size"] ** 0.5
+    elif v["max_learning_rate"] is None:
         rate = LR_PER_SAMPLE.get(v["model"], LR_PER_SAMPLE_DEFAULT)
         v["max_learning_rate"] = rate * v["batch_size"]
     if v["learning_rate"] is None:
@@ -312,6 +233,8 @@ def _derive_rates(v: dict[str, Any]) -> None:
         raise ToolError("--learning_rate_warmup: not in [0,1)", USAGE)
     if v["num_epochs"] < 1:
         raise ToolError("--num_epochs: not positive", USAGE)
+    if v["quantize_aware"] < 0 or v["quantize_rate"] <= 0:
+        raise ToolError("--quantize_aware and --quantize_rate: not positive", USAGE)
 
 
 def input_channels(features: list[str]) -> int:

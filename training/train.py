@@ -4,6 +4,8 @@
     python -m training.train hdr alb nrm -f RT -r my_result            (preprocessed data)
     python -m training.train hdr alb nrm --raw -D . -t renders --hold_out 12 -m w16 \\
         -l l1_grad -b 8 --ts 64 --max_lr 5e-3 --time-budget 30m        (raw folder, in memory)
+    python -m training.train -c training/configs/kernel5_16.json -D data -t train -r k16 \\
+        --time-budget 30m --quantize_aware 500                         (kernel prediction, int8)
     torchrun --nproc_per_node=4 -m training.train ...                  (data parallel, any device)
 
 Running the same command again resumes: batch k depends only on the seed and k, the learning rate
@@ -28,19 +30,21 @@ from training import errors, parallel
 from training.console import Bar, duration
 from training.data import Augment, Batches, Picture, from_raw, hold_out
 from training.errors import DATA, INTERRUPTED, STATE, ToolError
+from training.integer_stage import quantize_aware
 from training.loss import make_loss
 from training.result import Result, load_model, load_tensors, make_model, read_weights
 from training.scan import scan
+from training.schedule import Plan, one_cycle
 from training.settings import Settings, parse, unique_id
 from training.store import find_stored, read_pictures
 from training.validate import Board, validate
 
-BETA1_HIGH, BETA1_LOW = 0.95, 0.85  # Adam's momentum runs against the learning rate
 # Settings that a resumed training may change; all others must be as they were.
 FREE = {"config", "num_epochs", "num_valid_epochs", "num_save_epochs", "learning_rate",
         "max_learning_rate", "learning_rate_warmup", "num_loaders", "device", "device_id",
         "num_devices", "threads", "compile", "preproc_dir", "data_dir", "results_dir", "result",
-        "valid_data", "time_budget", "init", "precision", "deterministic", "quality", "filter"}
+        "valid_data", "time_budget", "init", "precision", "deterministic", "quality", "filter",
+        "quantize_aware", "quantize_rate"}
 
 
 def main(argv: list[str]) -> None:
@@ -61,11 +65,9 @@ def worker(settings: Settings, team: parallel.Team) -> None:
 
     # Data. Nothing is written before this has worked.
     pictures, valid = open_data(settings, say)
-    batches = Batches(pictures, settings.features, settings.main_feature, settings.transfer,
-                      settings.batch_size, settings.tile_size, settings.seed,
-                      augmentation(settings), settings.clean_aux, team.rank, team.world)
+    batches = make_batches(pictures, settings, team)
     steps_per_epoch = batches.steps_per_epoch
-    total_steps = settings.num_epochs * steps_per_epoch
+    plan = Plan(settings.num_epochs * steps_per_epoch, settings.time_budget)
 
     # Model, averaged weights, optimiser, loss.
     torch.manual_seed(settings.seed)
@@ -87,6 +89,8 @@ def worker(settings: Settings, team: parallel.Team) -> None:
         optimizer.load_state_dict(state["optimizer_state"])
         step = state.get("step", state["epoch"] * steps_per_epoch)
         elapsed, best = state.get("elapsed", 0.0), state.get("best", math.inf)
+        if plan.budget and plan.budget == state.get("budget"):
+            plan.planned = state.get("planned")
         if ema and state.get("ema_state"):
             ema = [state["ema_state"][k].clone() for k, _ in model.named_parameters()]
         mixed.load(state.get("scaler_state"))
@@ -95,30 +99,25 @@ def worker(settings: Settings, team: parallel.Team) -> None:
         say(f"Result: {result.name}")
     say(f"Training images: {len(batches.pairs)}")
     say(f"Validation images: {sum(len(p.inputs) for p in valid)}\n")
-    if step >= total_steps:
-        return
-    if team.rank == 0:
+    if team.rank == 0 and not (resuming and plan.over(step)):
         result.save_config(settings)
 
     def snapshot() -> dict:
         names = [k for k, _ in model.named_parameters()]
         return {"step": step, "elapsed": elapsed + time.monotonic() - start, "best": best,
+                "planned": plan.planned, "budget": plan.budget,
                 "model_state": model.state_dict(), "optimizer_state": optimizer.state_dict(),
                 "ema_state": dict(zip(names, ema)) if ema else None, "scaler_state": mixed.state()}
 
     board = Board(result.folder / "log", settings, enabled=team.rank == 0)
-    loader = parallel.loader(batches, range(step, total_steps), settings)
+    loader = parallel.loader(batches, range(step, plan.planned or plan.total), settings)
     bar, start = Bar(enabled=team.rank == 0), time.monotonic()
     loss_sum, loss_count, epoch_start = torch.zeros((), device=team.device), 0, start
-    finished = False
+    step_start = start
     try:
         for x, y in loader:
-            # Learning rate and momentum: one cycle over the steps, or over the time budget.
-            progress = step / total_steps
-            if settings.time_budget:
-                spent = team.same(elapsed + time.monotonic() - start) / settings.time_budget
-                progress = min(max(progress, spent), 1.0)
-            rate, beta1 = one_cycle(progress, settings)
+            # Learning rate and momentum: one cycle over the steps.
+            rate, beta1 = one_cycle(plan.progress(step), settings)
             for group in optimizer.param_groups:
                 group["lr"], group["betas"] = rate, (beta1, group["betas"][1])
 
@@ -130,7 +129,7 @@ def worker(settings: Settings, team: parallel.Team) -> None:
             optimizer.zero_grad(set_to_none=True)
             mixed.backward(loss)
             team.average([p.grad for p in params])
-            mixed.step(optimizer)
+            mixed.step(optimizer, settings.grad_clip)
             if ema:
                 decay = min(settings.ema, (step + 1) / (step + 10))
                 torch._foreach_lerp_(ema, [p.detach() for p in params], 1 - decay)
@@ -138,11 +137,24 @@ def worker(settings: Settings, team: parallel.Team) -> None:
             loss_sum += loss.detach()
             loss_count += 1
 
+            # A time budget: how many steps fit, once the first of them are timed.
+            if plan.planned is None:
+                now = time.monotonic()
+                if team.same(plan.timed(now - step_start)):
+                    if valid:
+                        validate(model, ema, valid, settings, loss_of, team, bar)
+                    every = settings.num_valid_epochs * steps_per_epoch if valid else 0
+                    left = plan.budget - elapsed - (time.monotonic() - start)
+                    plan.planned = int(team.same(plan.estimate(
+                        step, left, time.monotonic() - now, max(every, 0))))
+                    bar.end(f"{plan.planned} steps fit into {duration(plan.budget)}")
+                step_start = time.monotonic()
+
             # Progress, and what happens at the end of an epoch or of the training.
             epoch, index = divmod(step - 1, steps_per_epoch)
             epoch += 1
             bar.show(f"Train {epoch:>4}/{settings.num_epochs}", (index + 1) / steps_per_epoch)
-            finished = step == total_steps or bool(settings.time_budget and progress >= 1.0)
+            finished = plan.over(step)
             if index + 1 < steps_per_epoch and not finished:
                 continue
             mean_loss = float(team.mean(loss_sum / loss_count))
@@ -150,7 +162,7 @@ def worker(settings: Settings, team: parallel.Team) -> None:
                 raise ToolError(f"the loss is {mean_loss} in epoch {epoch}: lower --max_lr", STATE)
             now = time.monotonic()
             rate_images = loss_count * settings.batch_size / max(now - epoch_start, 1e-9)
-            left = remaining(settings, step, total_steps, elapsed, now - start, progress)
+            left = (elapsed + now - start) / step * ((plan.planned or plan.total) - step)
             bar.end(f"loss={mean_loss:.6f}, lr={rate:.3g} ({rate_images:.1f} images/s, "
                     f"{duration(now - epoch_start)}, eta {duration(left)})")
             board.scalars(epoch, loss=mean_loss, learning_rate=rate)
@@ -174,35 +186,20 @@ def worker(settings: Settings, team: parallel.Team) -> None:
     finally:
         board.close()
     say(f"Finished ({duration(time.monotonic() - start)})")
+    if settings.quantize_aware and team.rank == 0:
+        quantize_aware(result, settings, pictures, say)
 
 
-def augmentation(settings: Settings) -> Augment:
-    return Augment(settings.exposure_jitter, settings.average_inputs, settings.blend_target,
-                   settings.mix_clean_aux, settings.normal_signs)
-
-
-def one_cycle(progress: float, settings: Settings) -> tuple[float, float]:
-    """(learning rate, Adam's beta1) at `progress` in [0,1]: cosine up over the warm-up, cosine down
-    to a 10000th of the start; beta1 runs the other way."""
-    first, peak = settings.learning_rate, settings.max_learning_rate
-    warmup = settings.learning_rate_warmup
-    if progress < warmup:
-        up = 0.5 - 0.5 * math.cos(math.pi * progress / warmup)
-        return first + (peak - first) * up, BETA1_HIGH + (BETA1_LOW - BETA1_HIGH) * up
-    down = 0.5 - 0.5 * math.cos(math.pi * (progress - warmup) / (1 - warmup))
-    return peak + (first / 1e4 - peak) * down, BETA1_LOW + (BETA1_HIGH - BETA1_LOW) * down
+def make_batches(pictures: list[Picture], settings: Settings, team: parallel.Team) -> Batches:
+    s = settings
+    augment = Augment(s.exposure_jitter, s.average_inputs, s.blend_target, s.mix_clean_aux,
+                      s.normal_signs, s.drop_features, s.clip)
+    return Batches(pictures, s.features, s.main_feature, s.transfer, s.batch_size, s.tile_size,
+                   s.seed, augment, s.clean_aux, team.rank, team.world, s.family)
 
 
 def due(epoch: int, every: int) -> bool:
     return every > 0 and epoch % every == 0
-
-
-def remaining(settings: Settings, step: int, total: int, before: float, now: float,
-              progress: float) -> float:
-    """Seconds to go by the steps done in this run, or by the budget if that ends first."""
-    spent = before + now
-    left = spent / max(step, 1) * (total - step)
-    return min(left, max(settings.time_budget - spent, 0.0)) if settings.time_budget else left
 
 
 def open_data(settings: Settings, say) -> tuple[list[Picture], list[Picture]]:
@@ -246,7 +243,7 @@ def agree(settings: Settings, old: Settings, say) -> Settings:
 
 
 def initial_weights(settings: Settings) -> dict:
-    if settings.init.endswith(".tza"):
+    if settings.init.endswith((".tza", ".pt")):
         return read_weights(Path(settings.init))
     return load_model(Result(settings.results_dir, settings.init))[0].state_dict()
 

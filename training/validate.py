@@ -1,6 +1,11 @@
-"""Validation during training: the training loss, and PSNR and SSIM by samples per pixel."""
+"""Validation during training: the training loss, and PSNR, SSIM and FLIP by samples per pixel.
+
+FLIP needs the package flip-evaluator and is left out without it.
+"""
 from __future__ import annotations
 
+import functools
+import importlib.util
 import math
 from collections import defaultdict
 from collections.abc import Callable
@@ -12,7 +17,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from training import color, metrics
+from training import color, kernel_model, metrics
 from training.console import Bar
 from training.data import Picture
 from training.errors import ToolError
@@ -63,12 +68,13 @@ def validate(model: torch.nn.Module, ema: list[Tensor], valid: list[Picture], se
     """Rank 0 does the work; all ranks get its loss."""
     scores = Scores()
     if team.rank == 0:
-        with averaged(model, ema):
+        with averaged(model, ema), torch.no_grad():
             scores = score(model, valid, settings, loss_of, team.device, bar)
         m, n = scores.metrics, scores.noisy
         bar.title = "Valid"
         bar.end(f"valid_loss={scores.loss:.6f}, psnr={m['psnr']:.2f} (noisy {n['psnr']:.2f}), "
-                f"ssim={m['ssim']:.4f} ({n['ssim']:.4f})")
+                f"ssim={m['ssim']:.4f} ({n['ssim']:.4f})"
+                + (f", flip={m['flip']:.4f} ({n['flip']:.4f})" if "flip" in m else ""))
     scores.loss = team.same(scores.loss)
     return scores
 
@@ -77,7 +83,8 @@ def score(model, valid: list[Picture], settings: Settings, loss_of: Callable, de
           bar: Bar) -> Scores:
     transfer = color.TRANSFERS[settings.transfer]
     m = CHANNELS[settings.main_feature]
-    losses, rows, by_spp, examples = [], [], defaultdict(list), []
+    names = metric_names()
+    losses, rows, noisy, by_spp, examples = [], [], [], defaultdict(list), []
     for done, picture in enumerate(valid):
         bar.show("Valid", done / len(valid))
         grid = tiles(*picture.target.shape[:2], settings.tile_size)
@@ -91,23 +98,39 @@ def score(model, valid: list[Picture], settings: Settings, loss_of: Callable, de
                 for part in range(0, m, 3):  # sh1 is three runs
                     take = slice(part, min(part + 3, m))
                     a = np.concatenate([source[..., take], source[..., m:]], -1)
+                    if settings.get("family") == "K":
+                        a = kernel_model.planes(a, settings.features)
                     out = model(_chw(a).to(device, memory_format=torch.channels_last)).float()
                     want = _chw(target[..., take]).to(device)
                     losses.append(float(loss_of(out, want)))
                     shown = [_shown(v, transfer, settings.main_feature) for v in
                              (_hwc(out), target[..., take], source[..., take])]
-                    row = [metrics.psnr(shown[0], shown[1]), metrics.ssim(shown[0], shown[1]),
-                           metrics.psnr(shown[2], shown[1]), metrics.ssim(shown[2], shown[1])]
-                    rows.append(row)
-                    by_spp[int(spp)].append(row[:2])
+                    rows.append(values(shown[0], shown[1], names))
+                    noisy.append(values(shown[2], shown[1], names))
+                    by_spp[int(spp)].append(rows[-1])
                     if part == 0 and (y, x) == grid[0][:2] and len(examples) < EXAMPLES:
                         examples.append(np.concatenate([shown[2], shown[0], shown[1]], 1))
     if not losses:
         raise ToolError("the validation pictures are smaller than 16x16 pixels")
-    mean, names = np.minimum(np.array(rows), 100.0).mean(0), ("psnr", "ssim")
-    spp = {k: dict(zip(names, np.mean(v, 0))) for k, v in sorted(by_spp.items())}
-    return Scores(float(np.mean(losses)), dict(zip(names, mean[:2])), dict(zip(names, mean[2:])),
-                  spp, examples)
+    def mean(of: list) -> dict[str, float]:
+        return dict(zip(names, np.mean(of, 0)))
+
+    return Scores(float(np.mean(losses)), mean(rows), mean(noisy),
+                  {k: mean(v) for k, v in sorted(by_spp.items())}, examples)
+
+
+@functools.cache
+def metric_names() -> tuple[str, ...]:
+    """What is measured; says once if FLIP cannot be."""
+    if importlib.util.find_spec("flip_evaluator"):
+        return "psnr", "ssim", "flip"
+    print("FLIP is left out: the package flip-evaluator is not installed")
+    return "psnr", "ssim"
+
+
+def values(image: np.ndarray, target: np.ndarray, names: tuple[str, ...]) -> list[float]:
+    """Metrics by name; 100 dB for equal pictures."""
+    return [min(v, 100.0) for v in metrics.measure(image, target, list(names)).values()]
 
 
 def _chw(image: np.ndarray) -> Tensor:

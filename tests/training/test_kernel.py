@@ -1,25 +1,12 @@
-"""Family K: the filter operation, the network against the numpy reference, training."""
+"""Family K: the filter operation, and the network against the numpy reference."""
 from __future__ import annotations
-
-import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
 import torch
 
 from export import kernel, pixels
-from training import kernel_filter, kernel_net, train_kernel
-from training.errors import ToolError
-
-CONFIG = train_kernel.Config("kernel5", [4, 4, 4, 4, 8, 8, 8, 8, 8, 8, 8, 8, 4, 4], batch_size=2,
-                             tile_size=32)
-
-
-def random_batch(seed: int = 0, size: int = 32) -> tuple[torch.Tensor, torch.Tensor]:
-    rng = np.random.default_rng(seed)
-    x = torch.from_numpy(rng.random((2, 9, size, size), np.float32) * 0.5)
-    return x, x[:, :3] * 0.9 + 0.05
+from training import kernel_filter, kernel_net, nets
 
 
 def test_plain_filter_is_its_definition():
@@ -102,49 +89,17 @@ def test_constant_image_comes_back():
     np.testing.assert_allclose(out, constant, rtol=2e-6)
 
 
-def test_training_lowers_the_loss_and_is_deterministic():
-    config = replace(CONFIG, drop_features=0.0, clip=0.0)
-    losses = []
-    for _ in range(2):
-        torch.manual_seed(1)
-        net = train_kernel.make_net(config)
-        optimizer = torch.optim.Adam(net.parameters(), 3e-3)
-        row = []
-        for _ in range(15):
-            tiles = train_kernel.mutate(*random_batch(), config, np.random.default_rng(0))
-            loss = train_kernel.loss_of(train_kernel.run(net, tiles), tiles.target)
-            optimizer.zero_grad()
-            loss.backward()
-            optimizer.step()
-            row.append(loss.item())
-        losses.append(row)
-    assert losses[0] == losses[1]
-    assert losses[0][-1] < losses[0][0]
-
-
-def test_learning_rate_rises_and_falls():
-    rates = [train_kernel.rate(CONFIG, f) for f in np.linspace(0, 1, 101)]
-    top = int(np.argmax(rates))
-    assert 3 <= top <= 7 and rates[top] == pytest.approx(CONFIG.learning_rate)
-    assert rates == sorted(rates[:top + 1]) + sorted(rates[top + 1:], reverse=True)
-
-
-@pytest.mark.parametrize("text", ["{", '{"net": "kernel5"}',
-                                  '{"net": "kernel5", "widths": [1], "x": 1}'])
-def test_bad_configurations_are_named(tmp_path, text):
-    path = tmp_path / "c.json"
-    path.write_text(text)
-    with pytest.raises(ToolError, match="c.json"):
-        train_kernel.read_config(path)
-
-
-def test_config_of_the_shipped_model_is_valid():
-    path = train_kernel.nets.ROOT / "training" / "configs" / "kernel5_16.json"
-    config = train_kernel.read_config(path)
-    assert json.loads(path.read_text())["widths"] == config.widths
-    assert 15e3 < train_kernel.make_net(config).macs_per_pixel() < 25e3
-
-
 def test_exposure_of_reference_frames_is_used():
     color = np.full((16, 16, 3), 4.0, np.float32)
     assert pixels.Frame({"color": color}).input_scale() == pytest.approx(0.18 / 4, rel=1e-5)
+
+
+def test_widths_of_the_models():
+    """k16 is the shipped size; the costs are those of docs/models.md."""
+    costs = [nets.build(m, 0).macs_per_pixel() / 1000 for m in ("k8", "k12", "k16", "k24")]
+    assert costs == sorted(costs) and costs[2] == pytest.approx(20.0, abs=0.1)
+    assert nets.find_model("k16")[0].name == "kernel5"
+    with pytest.raises(ValueError, match="needs 14 widths"):
+        nets.build("kernel5:4,4", 0)
+    with pytest.raises(ValueError, match="whole numbers"):
+        nets.build("kernel5:4,x", 0)

@@ -1,6 +1,7 @@
 """Options: names, defaults, derived defaults, precedence; files that ship with the project."""
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -62,6 +63,22 @@ def test_their_options_exist(row):
     for script in (s for s, letter in SCRIPTS.items() if letter in scripts):
         taken = {n for a in make_parser(script)._actions for n in a.option_strings}
         assert set(names.split()) <= taken, script
+
+
+def test_the_docs_have_every_option(root):
+    """Their options row by row, ours by name, and nothing that does not exist."""
+    text = (root / "docs" / "training.md").read_text().partition("## Options beside")[2]
+    rows = [[c.strip() for c in line.split("|")[1:-1]] for line in text.splitlines()
+            if line.startswith("| `--")]
+    table = {frozenset(row[0].strip("`").split()): row[1].replace(" ", "") for row in rows}
+    for row in THEIRS:
+        names, scripts = row.split("|")
+        key = frozenset(names.split())
+        assert set(table[key]) == set(scripts) or table[key] == "all", names
+    every = {n for o in OPTIONS for n in o.names.split()} | {"--help", "-h"}
+    named = set(re.findall(r"`(--\w+)", text)) | {n for key in table for n in key}
+    assert not {n for n in every if n.startswith("--")} - named - {"--time-budget"}
+    assert not {n for n in named if n.startswith("--")} - every
 
 
 def test_options_do_not_collide():

@@ -12,7 +12,7 @@ import pytest
 import torch
 
 from tests.training.tools import QUICK, TINY, make_raw
-from training import find_lr, preprocess, train
+from training import find_lr, preprocess, schedule, train
 from training.result import Result
 from training.settings import parse
 
@@ -197,10 +197,37 @@ def test_more_batch_than_data_and_small_validation(raw, work, capsys):
 def test_time_budget_ends_with_the_schedule(raw, work, capsys):
     train.main([*RAW, "-D", str(raw), "-r", "a", "--time-budget", "2s", "-e", "1000000"])
     out = capsys.readouterr().out
-    assert "Finished" in out
-    group = state()["optimizer_state"]["param_groups"][0]
-    assert group["lr"] == pytest.approx(2e-3 / 25 / 1e4)  # the end of the cycle
-    assert state()["elapsed"] >= 2
+    planned = state()["planned"]
+    assert "Finished" in out and f"{planned} steps fit into 2.0s" in out
+    assert state()["step"] == planned > 20
+    settings = Result("results", "a").config()
+    last, _ = train.one_cycle(1 - 1 / planned, settings)
+    assert state()["optimizer_state"]["param_groups"][0]["lr"] == last < 1e-4  # the cycle's end
+
+
+def test_estimate_of_the_steps_that_fit():
+    """Slow first steps do not count; validations do; one step is the least."""
+    plan = schedule.Plan(10**6, 100.0)
+    ready = [plan.timed(t) for t in [9.0, 5.0, 1.0] + [0.1] * 8]
+    assert ready == [False] * 10 + [True] and plan.progress(11) == 0
+    assert plan.estimate(11, 84.0, 4.0, 0) == 11 + 800
+    assert plan.estimate(11, 84.0, 4.0, 10) == 11 + round(80 / 0.5)
+    assert plan.estimate(11, -1.0, 4.0, 0) == 12
+    assert schedule.Plan(50, 100.0, times=plan.times).estimate(11, 84.0, 0.0, 0) == 50
+    assert not schedule.Plan(10**6, 1000.0).timed(0.1)  # too short a share of the budget
+
+
+def test_resumed_budget_equals_an_uninterrupted_run(raw, work, monkeypatch, capsys):
+    """The number of steps is estimated once; the resumed run keeps it and ends with equal bits."""
+    monkeypatch.setattr(schedule.Plan, "estimate", lambda self, step, *rest: 40)
+    args = [*RAW, "-D", str(raw), "-r", "a", "--time-budget", "0.01s", "-v", "valid"]
+    train.main([*args[:-2], "-v", "valid", "-R", "whole"])
+    with pytest.raises(Exception, match="interrupted after 20 steps"), Stop(after=20):
+        train.main(args)
+    assert state()["planned"] == 40
+    monkeypatch.setattr(schedule.Plan, "estimate", lambda *a: pytest.fail("estimated again"))
+    train.main(args)
+    assert state()["step"] == 40 and same(Result("whole", "a").load(), state())
 
 
 def test_one_cycle():

@@ -1,0 +1,281 @@
+"""Family K through the normal commands: train, find_lr, infer, export, evaluate, visualize."""
+from __future__ import annotations
+
+import copy
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from export import export, kernel, quantize_kernel
+from export.tza import Reader, write_weights
+from tests.training.test_train import Stop, losses, port, same, state
+from training import (color, evaluate, find_lr, infer, kernel_model, nets, preprocess, train,
+                      visualize)
+from training.data import Augment, Batches, from_raw
+from training.imageio import read_image
+from training.integer_stage import quantize
+from training.kernel_integer import IntegerKernel
+from training.quantize_aware import fine_tune
+from training.result import Result, load_model
+from training.scan import scan
+from training.settings import Settings, parse
+
+GOLDEN = Path(__file__).resolve().parent.parent / "golden" / "kernel"
+TINY = "kernel5:4,4,4,4,8,8,8,8,8,8,8,8,4,4"
+QUICK = ["-m", TINY, "-b", "4", "--ts", "32", "-j", "0", "--threads", "1", "-d", "cpu", "-s", "3"]
+RAW = ["hdr", "alb", "nrm", "--raw", "-t", "train", *QUICK]
+
+
+def test_training_learns_and_is_exported(raw, work, capsys, build):
+    """The whole way: K by the option --net's family, best and averaged weights, both exports."""
+    train.main([*RAW, "-D", str(raw), "-v", "valid", "-r", "k", "-e", "20", "--max_lr", "5e-3",
+                "--valid_epochs", "5"])
+    out = capsys.readouterr().out
+    psnr = [float(v) for v in re.findall(r"psnr=([\d.]+)", out)]
+    noisy = float(re.search(r"noisy ([\d.]+)", out)[1])
+    assert losses(out)[-1] < losses(out)[0] and len(psnr) == 4 and psnr[-1] > noisy + 8
+    assert Path("results/k/checkpoints/best.pth").exists() and state("k")["ema_state"]
+    infer.main(["-r", "k", "-D", str(raw), "-i", "valid"])
+    assert "psnr_avg" in capsys.readouterr().out
+    visualize.command(parse("visualize", ["-r", "k"]))
+    export.main(["-r", "k"])
+    export.main(["-r", "k", "--int8", "-o", "k8.tza"])
+    assert all(t.dtype == np.float16 for t in Reader("results/k/k.tza").values())
+    assert isinstance(kernel.load("k8.tza"), kernel.IntTrunk)
+    # The integer model in the C core computes nearly the picture of the floating-point one.
+    program = build / "bin" / "oidnDenoise"
+    if not program.exists():
+        pytest.skip("optional: the programs are not built")
+    stem = raw / "valid/scene0/view0_0004spp"
+    subprocess.run([program, "-w", "k8.tza", "-o", "c.pfm", "--hdr", f"{stem}.hdr.exr", "--alb",
+                    f"{stem}.alb.exr", "--nrm", f"{stem}.nrm.exr"], check=True, capture_output=True)
+    ours = read_image(Path("infer/valid/scene0/view0_0004spp.k.hdr.exr"))
+    a, b = color.display(read_image("c.pfm")), color.display(ours)
+    assert np.abs(a - b).mean() < 0.01
+
+
+def test_resumed_run_equals_an_uninterrupted_one(raw, work):
+    args = [*RAW, "-D", str(raw), "-v", "valid", "-e", "4", "--save_epochs", "1",
+            "--valid_epochs", "2", "--exposure_jitter", "1", "--average_inputs", "0.3"]
+    train.main([*args, "-r", "k", "-R", "whole"])
+    with pytest.raises(Exception, match="interrupted after 5 steps"), Stop(after=5):
+        train.main([*args, "-r", "k"])
+    train.main([*args, "-r", "k"])
+    assert same(Result("whole", "k").load(), state("k")) and state("k")["step"] == 12
+
+
+def test_two_processes_equal_one(raw, work, root, capsys):
+    args = [*RAW, "-D", str(raw), "-e", "3"]
+    env = dict(os.environ, PYTHONPATH=str(root), OMP_NUM_THREADS="1")
+    run = subprocess.run([sys.executable, "-m", "torch.distributed.run", "--nproc_per_node=2",
+                          f"--master_port={port()}", "-m", "training.train", *args, "-r", "two"],
+                         env=env, capture_output=True, text=True, timeout=600)
+    assert run.returncode == 0, run.stderr
+    train.main([*args, "-r", "one"])
+    a, b = losses(capsys.readouterr().out), losses(run.stdout)
+    assert len(a) == len(b) == 3 and max(abs(x - y) for x, y in zip(a, b)) <= 1e-5
+    p, q = state("one")["model_state"], state("two")["model_state"]
+    assert max(float((p[k] - q[k]).abs().max()) for k in p) < 1e-5
+
+
+def test_quantisation_aware_training(raw, work, capsys, monkeypatch):
+    """A stage of its own after the training; interrupted and resumed it ends with equal bits."""
+    from training import quantize_aware
+    args = [*RAW, "-D", str(raw), "-e", "4", "-r", "k"]
+    train.main(args)
+    export.main(["-r", "k", "--int8", "-o", "plain.tza"])
+    more = [*args, "--quantize_aware", "30", "--quantize_rate", "0.05"]
+    monkeypatch.setattr(quantize_aware, "SAVE_EVERY", 10)
+    train.main([*more, "-R", "whole"])
+    kept = quantize_aware.Batches.__getitem__
+
+    def stop(self, step):
+        if step == 25:
+            raise KeyboardInterrupt
+        return kept(self, step)
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(quantize_aware.Batches, "__getitem__", stop)
+        train.main(more)
+    capsys.readouterr()
+    train.main(more)
+    assert "Integer model: 30 steps from 20" in capsys.readouterr().out
+    for results in ("whole", "results"):
+        export.main(["-r", "k", "-R", results, "--int8", "-o", f"{results}.tza"])
+    assert Path("whole.tza").read_bytes() == Path("results.tza").read_bytes()
+    assert Path("whole.tza").read_bytes() != Path("plain.tza").read_bytes()
+
+
+class Teacher:
+    """Batches whose targets are what a model makes of them."""
+
+    def __init__(self, model, batches):
+        self.model, self.batches = model, batches
+
+    def __getitem__(self, step: int):
+        x, _ = self.batches[step]
+        with torch.no_grad():
+            return x, self.model(x)
+
+
+def test_integer_training_repairs_a_spoilt_model(raw):
+    """Weights disturbed after quantisation: the error falls on tiles that training has not seen."""
+    features = ["hdr", "alb", "nrm"]
+    pictures = from_raw(scan(raw / "train", features), features, "hdr", "pu")
+    torch.manual_seed(1)
+    settings = Settings({"family": "K", "main_feature": "hdr", "features": features,
+                         "transfer": "pu", "result": "k"})
+    start = nets.build(TINY, 0)
+    with torch.no_grad():
+        for head in start.heads:  # of strong opinions
+            getattr(start, head.name).weight.mul_(30)
+    net = IntegerKernel(quantize(start.state_dict(), settings, pictures), "pu")
+    teacher = Teacher(copy.deepcopy(net), Batches(pictures, features, "hdr", "pu", 4, 32, 9,
+                                                  family="K"))
+    with torch.no_grad():
+        for name, p in net.named_parameters():
+            if not name.endswith("bias"):
+                p += torch.randn_like(p) * 10
+
+    def error() -> float:
+        with torch.no_grad():
+            return sum(float((net(x) - y).abs().mean()) for x, y in (teacher[900], teacher[901]))
+    before = error()
+    fine_tune(net, teacher, 30, 0.5, "l1", log=lambda line: None)
+    assert error() < 0.8 * before
+
+
+def test_integer_net_is_the_integer_model():
+    """Heads to the bit, and the picture but for the rounding of fp32 sums."""
+    model = kernel.load(GOLDEN / "weights.tza")
+    net = IntegerKernel(model, "linear")
+    rng = np.random.default_rng(1)
+    codes = rng.integers(0, 256, (32, 48, 12)).astype(np.uint8)
+    x = torch.from_numpy(codes.transpose(2, 0, 1)[None].astype(np.float32) / 255)
+    with torch.no_grad():
+        heads = net.trunk(x)
+    maps = model.maps(codes)
+    for name, head in zip(model.net.heads, heads, strict=True):
+        assert np.array_equal((head[0] * 16).numpy().transpose(1, 2, 0), maps[name])
+    assert same([t.weight.tolist() for t in net.integer_model().layers],
+                [t.weight.tolist() for t in model.layers])
+
+
+@pytest.mark.parametrize("height, width", [(37, 45), (16, 33), (5, 3)])
+def test_any_size_equals_the_reference(height, width):
+    """Padding to the trunk's multiples weighs nothing, as in the numpy reference."""
+    from export import pixels
+    model = kernel.load(GOLDEN / "weights.tza")
+    rng = np.random.default_rng(2)
+    images = {"color": rng.random((height, width, 3), np.float32),
+              "albedo": rng.random((height, width, 3), np.float32),
+              "normal": rng.random((height, width, 3), np.float32) * 2 - 1}
+    want = kernel.run_frame(model, pixels.Frame(images, "hdr", 1.0))
+    features = ["hdr", "alb", "nrm"]
+    codes = np.concatenate([images["color"], images["albedo"], images["normal"] / 2 + 0.5], -1)
+    x = kernel_model.planes(codes, features)
+    net = IntegerKernel(model, "linear")
+    with torch.no_grad():
+        got = net(torch.from_numpy(x.transpose(2, 0, 1).copy())[None])[0].numpy().transpose(1, 2, 0)
+    assert np.abs(got - want).mean() < 2e-3 and np.median(np.abs(got - want)) < 1e-5
+
+
+def test_tiles_lose_features_and_highlights(raw):
+    features = ["hdr", "alb", "nrm"]
+    pictures = from_raw(scan(raw / "train", features), features, "hdr", "pu")
+    batches = Batches(pictures, features, "hdr", "pu", 200, 16, 1, Augment(drop=0.5, clip=0.3),
+                      family="K")
+    x, y = batches[0]
+    assert x.shape == (200, 12, 16, 16) and y.shape == (200, 3, 16, 16)
+    flags = x[:, 9:, 0, 0].numpy()
+    assert abs((flags[:, :2].min(1) == 0).mean() - 0.5) < 0.12  # half of them lack something
+    assert abs((flags[:, :2].max(1) == 0).mean() - 0.25) < 0.1  # a quarter everything
+    assert abs(flags[:, 2].mean() - 0.3) < 0.12
+    for i in range(200):
+        if not flags[i, 0]:
+            assert not x[i, 3:6].any()
+        if not flags[i, 1]:
+            assert not x[i, 6:9].any()
+        if flags[i, 2]:
+            assert max(x[i, :3].max(), y[i].max()) <= color.pu_forward(np.float32(1)) + 1e-3
+    again = batches[0]
+    assert torch.equal(x, again[0]) and torch.equal(y, again[1])
+
+
+def test_fewer_features_and_low_dynamic_range(raw, work):
+    """K from colour alone, from preprocessed data, and of LDR colour."""
+    preprocess.main(["hdr", "alb", "nrm", "-D", str(raw), "-t", "train"])
+    train.main(["hdr", "-t", "train", *QUICK, "-e", "1", "-r", "a"])
+    export.main(["-r", "a", "--int8"])
+    for path in (raw / "train").rglob("*.hdr.exr"):
+        name = str(path.relative_to(raw)).replace(".hdr.exr", ".ldr.exr")
+        Path("ldr", name).parent.mkdir(parents=True, exist_ok=True)
+        os.symlink(path, Path("ldr", name))
+    train.main(["ldr", "--raw", "-D", "ldr", "-t", "train", *QUICK, "-e", "1", "-r", "b"])
+    export.main(["-r", "b", "--int8"])
+    infer.main(["-r", "b", "-D", "ldr", "-i", "train"])
+    assert load_model(Result("results", "b"))[0].transfer == "srgb"
+
+
+def test_find_lr(raw, work, capsys):
+    find_lr.main([*RAW, "-D", str(raw), "-r", "sweep", "--num_steps", "12", "--lr", "1e-4",
+                  "--max_lr", "1e-1"])
+    assert "try --max_lr" in capsys.readouterr().out
+
+
+def test_weights_of_elsewhere(raw, work, capsys):
+    """A state dict (.pt) and an fp16 file: start a training, are quantised, are evaluated."""
+    torch.manual_seed(5)
+    net = nets.build(TINY, 0)
+    torch.save(net.state_dict(), "k.pt")
+    write_weights("k.tza", {k: v.numpy() for k, v in net.state_dict().items()})
+    for source in ("k.pt", "k.tza"):
+        train.main([*RAW, "-D", str(raw), "-e", "1", "-r", source, "--init", source, "--max_lr",
+                    "1e-9"])
+        bias = state(source)["model_state"]["head0.bias"]
+        assert torch.allclose(bias, net.head0.bias, atol=5e-3)
+        assert quantize_kernel.main([source, f"{source}.int8.tza", "--data",
+                                     str(raw / "train"), "--count", "2"]) == 0
+    assert Path("k.pt.int8.tza").read_bytes() == Path("k.tza.int8.tza").read_bytes()
+    Path("bad.pt").write_bytes(b"x")
+    assert quantize_kernel.main(["bad.pt", "x.tza", "--data", str(raw / "train")]) == 2
+    evaluate.main(["k.tza=hdr,alb", "--images", str(raw / "valid"), "--no_oidn", "--metric",
+                   "psnr"])
+    assert "4 of 4 pictures are better than their input in PSNR" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("args, word", [
+    (["hdr", "z", "--net", "kernel5"], "family K takes"),
+    (["alb", "--net", "kernel5"], "family K takes"),
+    (["hdr", "--net", "kernel5", "-m", "w16"], "not of the topology"),
+    (["hdr", "-m", "w16", "--clip", "0.1"], "options of family K"),
+    (["hdr", "-m", "kernel5:4"], "needs 14 widths"),
+    (["hdr", "--quantize_aware", "-1"], "not positive")])
+def test_wrong_options(fails, args, word):
+    code, message = fails(lambda argv: parse("train", argv), args)
+    assert code == 2 and word in message
+
+
+def test_defaults_and_the_shipped_settings(root):
+    s = parse("train", ["hdr", "alb", "nrm", "--net", "kernel5"])
+    assert (s.model, s.family, s.batch_size, s.tile_size, s.loss) == (
+        "k16", "K", 4, 128, "l1_grad")
+    assert s.max_learning_rate == pytest.approx(2e-3) and s.grad_clip == 1.0
+    s = parse("train", ["-c", str(root / "training" / "configs" / "kernel5_16.json"), "-t", "x",
+                        "--time-budget", "30m"])
+    assert (s.model, s.family, s.drop_features) == ("k16", "K", 0.3)
+    assert json.dumps(s.to_dict())
+
+
+def test_onnx_is_refused(raw, work, fails):
+    train.main([*RAW, "-D", str(raw), "-e", "1", "-r", "k"])
+    code, message = fails(export.main, ["-r", "k", "onnx"])
+    assert code == 2 and "family U" in message
+    code, message = fails(export.main, ["-r", "k", "package", "--int8"])
+    assert code == 2 and "--int8" in message

@@ -1,0 +1,164 @@
+"""From a trained result to integers: calibration on its own data, and quantisation-aware training.
+
+The stage after a training (`--quantize_aware`) is resumed like the training itself; its state is
+checkpoints/integer.pth. `export --int8` takes its model, or quantises the weights if there is none.
+"""
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from export import kernel, synthetic
+from export.calibrate import SYNTHETIC, SYNTHETIC_SIZE
+from export.quantize import integer_tensors
+from export.quantize_kernel import KernelQuantizer, calibration_input, tensors_of, varied
+from export.quantizer import Options, Quantizer, transfer_top
+from export.reference import float_model
+from training import color
+from training.data import Augment, Batches, Picture, from_raw
+from training.errors import STATE, ToolError
+from training.features import encode
+from training.imageio import replacing
+from training.kernel_integer import IntegerKernel
+from training.quantize_aware import IntegerNet, fine_tune
+from training.result import Result, load_model
+from training.scan import CHANNELS, scan
+from training.settings import Settings
+from training.store import find_stored, read_pictures
+
+CALIBRATION = 12  # pictures
+CONTENTS = {("hdr", "pu"): "hdr", ("hdr", "log"): "lightmap-hdr", ("ldr", "srgb"): "ldr",
+            ("ldr", "linear"): "srgb"}
+FEATURES = {"hdr": "color", "ldr": "color", "alb": "albedo", "nrm": "normal"}
+
+
+def quantize(tensors: dict[str, torch.Tensor], settings: Settings, pictures: list[Picture]):
+    """Weights of a training as an integer model, IntModel or IntTrunk."""
+    arrays = {k: np.asarray(v.detach().cpu().float(), np.float16) for k, v in tensors.items()}
+    chosen = pictures[::max(len(pictures) // CALIBRATION, 1)][:CALIBRATION]
+    codes = [p.inputs[i % len(p.inputs)].astype(np.float32) for i, p in enumerate(chosen)]
+    if settings.get("family", "U") == "K":
+        trunk = kernel.FloatTrunk(kernel.find_trunk(arrays, settings.result), arrays)
+        inputs = [kernel_input(x, settings, i) for i, x in enumerate(codes)]
+        return KernelQuantizer(trunk, inputs, Options()).run()
+    model = float_model(arrays, settings.result)
+    if model.outputs != 3 or settings.main_feature == "sh1":
+        raise ToolError(f"{settings.main_feature}: there are no integer models of it", STATE)
+    inputs = [np.pad(x, ((0, -x.shape[0] % 16), (0, -x.shape[1] % 16), (0, 0))) for x in codes]
+    top = transfer_top(CONTENTS.get((settings.main_feature, settings.transfer), "ldr"))
+    return Quantizer(model, inputs, Options(input_top=top, output_top=top)).run()
+
+
+def kernel_input(codes: np.ndarray, settings: Settings, index: int) -> np.ndarray:
+    """Calibration input of family K from the codes of a picture; features and content change."""
+    images, at = {}, 0
+    for feature in settings.features:
+        part = codes[..., at:at + CHANNELS[feature]]
+        at += CHANNELS[feature]
+        if feature in ("hdr", "ldr"):
+            part = color.TRANSFERS[settings.transfer].inverse(part)
+        images[FEATURES[feature]] = (part * 2 - 1 if feature == "nrm" else part).astype(np.float32)
+    if settings.main_feature == "ldr":
+        return calibration_input(images, "ldr")
+    return calibration_input(*varied(images, index))
+
+
+def calibration_pictures(settings: Settings, say: Callable = print) -> list[Picture]:
+    """Some pictures of the data that a result was trained on, else built-in synthetic ones."""
+    s = settings
+    try:
+        if not s.get("raw"):
+            return read_pictures(find_stored(s, s.train_data), s.features, s.main_feature, False)
+        found = scan(Path(s.data_dir) / s.train_data, s.features)
+        found.groups = found.groups[::max(len(found.groups) // CALIBRATION, 1)][:CALIBRATION]
+        pictures = from_raw(found, s.features, s.main_feature, s.transfer, layers=s.layers, log=say)
+        if pictures:
+            return pictures
+    except ToolError as e:
+        say(f"the training data is not here ({e})")
+    say("calibrating on built-in synthetic pictures")
+    return [synthetic_picture(s, seed, spp) for seed, spp in SYNTHETIC]
+
+
+def synthetic_picture(settings: Settings, seed: int, spp: int) -> Picture:
+    made = synthetic.noisy(SYNTHETIC_SIZE, seed, spp)
+    images = {f: made[FEATURES[f]] for f in settings.features if f in FEATURES}
+    if settings.main_feature == "ldr":
+        images["ldr"] = np.clip(images["ldr"], 0, 1)
+    hdr = settings.main_feature == "hdr"
+    codes = np.clip(encode(images, settings.main_feature, settings.transfer,
+                           color.autoexposure(images["hdr"]) if hdr else 1.0), 0, 1)
+    return Picture(f"synthetic {seed}", [codes], [float(spp)], codes)
+
+
+def tensors_of_model(model) -> dict[str, np.ndarray]:
+    """The tensors of an integer model's file."""
+    return tensors_of(model) if isinstance(model, kernel.IntTrunk) else integer_tensors(model)
+
+
+def fingerprint(tensors: dict[str, torch.Tensor]) -> str:
+    """Of weights, to know them again."""
+    digest = hashlib.sha256()
+    for name, value in tensors.items():
+        digest.update(name.encode() + value.detach().cpu().contiguous().numpy().tobytes())
+    return digest.hexdigest()
+
+
+def read_stage(result: Result) -> dict | None:
+    """The state of a result's integer stage, if it has one."""
+    path = result.checkpoints / "integer.pth"
+    if not path.exists():
+        return None
+    try:
+        return torch.load(path, weights_only=True)
+    except Exception as e:  # a damaged file shows as one of many kinds of exception
+        raise ToolError(f"{path}: damaged checkpoint ({type(e).__name__})", STATE) from e
+
+
+def quantize_aware(result: Result, settings: Settings, pictures: list[Picture],
+                   say: Callable = print) -> None:
+    """Trains the integer model of a result's averaged weights for `quantize_aware` steps."""
+    s = settings
+    float_tensors = load_model(result)[0].state_dict()
+    same = {"weights": fingerprint(float_tensors), "steps": s.quantize_aware,
+            "rate": s.quantize_rate}
+    state = read_stage(result)
+    if state and state["same"] != same:
+        state = None
+    if state and state["tensors"] is not None:
+        return
+    say(f"Integer model: {s.quantize_aware} steps" + (f" from {state['step']}" if state else ""))
+    model = quantize(float_tensors, s, pictures)
+    family = s.get("family", "U")
+    net = IntegerKernel(model, s.transfer) if family == "K" else IntegerNet(model)
+    augment = Augment(s.exposure_jitter or (1.0 if s.main_feature == "hdr" else 0.0),
+                      s.average_inputs, s.blend_target, s.mix_clean_aux, s.normal_signs,
+                      s.drop_features, s.clip)
+    batches = Batches(pictures, s.features, s.main_feature, s.transfer, s.batch_size, s.tile_size,
+                      s.seed + 1, augment, s.clean_aux, family=family)
+
+    def save(stage: dict, tensors: dict | None = None) -> None:
+        with replacing(result.checkpoints / "integer.pth") as tmp:
+            torch.save({"same": same, "tensors": tensors, **stage}, tmp)
+
+    kept: dict = {}
+    fine_tune(net, batches, s.quantize_aware, s.quantize_rate, s.loss, say, state,
+              lambda stage: (kept.update(stage), save(stage)))
+    arrays = tensors_of_model(net.integer_model())
+    save(kept or state, {k: torch.from_numpy(np.array(v)) for k, v in arrays.items()})
+
+
+def integer_weights(result: Result, settings: Settings) -> dict[str, np.ndarray]:
+    """Tensors of the integer model of a result: of its own stage where that belongs to the wanted
+    checkpoint, else quantised now."""
+    model, trained, _ = load_model(result, settings.num_epochs, settings.best, settings.weights)
+    tensors = model.state_dict()
+    stage = read_stage(result)
+    if stage and stage["tensors"] is not None and stage["same"]["weights"] == fingerprint(tensors):
+        print("the model of the quantisation-aware training")
+        return {k: v.numpy() for k, v in stage["tensors"].items()}
+    return tensors_of_model(quantize(tensors, trained, calibration_pictures(trained)))

@@ -1,0 +1,68 @@
+"""Family K between network codes, so that it trains, validates and denoises as family U does.
+
+A model of family U maps codes of the features [N,C,H,W] to codes of the result. `KernelModel` does,
+too; around the network it decodes the radiance, and encodes the filtered one. Its input always has
+the 12 planes that `planes` arranges: radiance code, albedo, normal, and three flags.
+"""
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import torch.nn.functional as F
+from torch import Tensor
+
+from training import color
+from training.kernel_net import KernelNet, apply_filter, mixed_input
+
+PLANES = 12     # 0-2 radiance code, 3-5 albedo, 6-8 normal code, 9-11 flags (below)
+ALIGN = 16      # of the trunk
+LOWEST = 1e-6   # radiance below this has no gradient worth following in a transfer function
+FEATURES = ("hdr", "ldr", "alb", "nrm")  # that the family knows
+
+
+def planes(codes: np.ndarray, features: list[str], has_albedo: bool = True,
+           has_normal: bool = True, clipped: bool = False) -> np.ndarray:
+    """Codes [H,W,C] of the features, radiance first -> [H,W,12]; what is absent is 0.
+
+    clipped: the radiance ends at 1 (always so for `ldr`).
+    """
+    out = np.zeros((*codes.shape[:2], PLANES), np.float32)
+    out[..., :3] = codes[..., :3]
+    for at, flag, feature, wanted in ((3, 9, "alb", has_albedo), (6, 10, "nrm", has_normal)):
+        if wanted and feature in features:
+            k = 3 * features.index(feature)
+            out[..., at:at + 3] = codes[..., k:k + 3]
+            out[..., flag] = 1
+    out[..., 11] = clipped or "ldr" in features
+    return out
+
+
+def run(trunk: Callable[[Tensor], list[Tensor]], transfer: str, x: Tensor) -> Tensor:
+    """Codes [N,12,H,W] -> codes [N,3,H,W] of the filtered radiance, any height and width.
+
+    trunk: network input (codes / 255), sides multiples of 16 -> heads by level.
+    """
+    t = color.TRANSFERS[transfer]
+    radiance = t.inverse(x[:, :3].clamp(0, 1))
+    albedo, has_albedo = x[:, 3:6], x[:, 9:10]
+    codes = mixed_input(radiance, albedo, x[:, 6:9] * 2 - 1, has_albedo, x[:, 10:11], x[:, 11:12])
+    h, w = x.shape[-2:]
+    heads = trunk(F.pad(codes, (0, -w % ALIGN, 0, -h % ALIGN)))
+    if h % ALIGN or w % ALIGN:  # padding is no part of the image for the filter
+        heads = [head[..., :-(-h >> s), :-(-w >> s)] for s, head in enumerate(heads)]
+    out = apply_filter(heads, radiance, albedo, has_albedo)
+    return t.forward(out.clamp(LOWEST, color.HDR_MAX))
+
+
+class KernelModel(KernelNet):
+    """A K net that maps the codes of `planes` to those of the result."""
+
+    align = 1  # it pads by itself
+
+    def __init__(self, net, heads, widths: list[int], transfer: str = "pu"):
+        super().__init__(net, heads, widths)
+        self.transfer = transfer
+
+    def forward(self, x: Tensor) -> Tensor:
+        return run(self.trunk, self.transfer, x)

@@ -1,0 +1,132 @@
+"""The options of all scripts, in one table. Names and defaults are Open Image Denoise's where it
+has the option; what follows from other options is derived in settings.py."""
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from training.loss import LOSSES
+from training.scan import FEATURES
+
+SCRIPTS = {"preprocess": "P", "train": "T", "find_lr": "L", "infer": "I", "export": "X",
+           "visualize": "V", "convert_image": "C", "compare_image": "Q", "split_exr": "Z",
+           "doctor": "D"}
+MODEL_BY_QUALITY = {"high": "unet_large", "balanced": "unet", "fast": "unet_small"}
+MODEL_BY_NET = {"kernel5": "k16", "unet": "unet", "unet_large": "unet_large"}
+LR_PER_SAMPLE = {"unet_large": 2.679e-6, "unet_xl": 2.679e-6}  # of a batch; others:
+LR_PER_SAMPLE_DEFAULT = 3.125e-6
+# Defaults that follow from the family of the model; U's are Open Image Denoise's.
+BY_FAMILY = {
+    "U": {"batch_size": 16, "tile_size": 256, "loss": "l1_msssim", "learning_rate_warmup": 0.15,
+          "grad_clip": 0.0, "drop_features": 0.0, "clip": 0.0},
+    "K": {"batch_size": 4, "tile_size": 128, "loss": "l1_grad", "learning_rate_warmup": 0.05,
+          "grad_clip": 1.0, "drop_features": 0.3, "clip": 0.12}}
+KERNEL_LR = 1e-3  # family K's largest learning rate, times the root of the batch size
+METRICS = ("psnr", "mse", "ssim", "msssim", "flip")
+POSITIONAL = {"features": 0, "target": 0, "input": 1, "images": 2}  # 0: may be missing
+
+
+@dataclass(frozen=True)
+class Option:
+    """One row: spellings, the scripts that take it, its default (or one per script), argparse's."""
+
+    names: str
+    scripts: str
+    default: Any
+    text: str
+    kind: dict
+
+    @property
+    def key(self) -> str:
+        first = self.names.split()[0]
+        return first.lstrip("-").replace("-", "_")
+
+    def default_for(self, script: str) -> Any:
+        return self.default.get(script) if isinstance(self.default, dict) else self.default
+
+
+def _o(names: str, scripts: str, default: Any, text: str, **kind) -> Option:
+    return Option(names, scripts, default, text, kind)
+
+
+FLAG = {"action": "store_true"}
+MANY = {"nargs": "*"}
+INT, FLOAT = {"type": int}, {"type": float}
+
+OPTIONS = (
+    _o("features", "PTLD", [], f"input features: {' '.join(FEATURES)}", **MANY),
+    _o("target", "X", "weights", "what to export", nargs="?",
+       choices=("weights", "package", "onnx", "onnx_noparams")),
+    _o("input", "Z", None, "EXR image to split"),
+    _o("images", "CQ", None, "two images", nargs=2),
+    _o("--config -c", "PTLIXVCQZD", None, "JSON file with settings (the command line wins)"),
+    _o("--clean_aux", "PTL", False, "take auxiliary features from the reference", **FLAG),
+    _o("--filter -f", "PTL", None, "filter to train for: picks defaults",
+       choices=("RT", "RTLightmap")),
+    _o("--quality -q", "PTL", "high", "picks the default model", choices=tuple(MODEL_BY_QUALITY)),
+    _o("--preproc_dir -P", "PTL", "preproc", "folder of preprocessed data sets"),
+    _o("--train_data -t", "PTL", None, "training data set (default: train)"),
+    _o("--valid_data -v", "PT", None, "validation data set (default: valid)"),
+    _o("--hold_out", "T", 0, "validate on this many groups of the training data set", **INT),
+    _o("--raw", "TL", False, "train on the raw data set in memory, without preprocessing", **FLAG),
+    _o("--layers", "PTLID", [], "layers of multichannel EXR files: feature=prefix", **MANY),
+    _o("--shard", "P", None, "work on part i of n of the groups: i/n, i from 0"),
+    _o("--transfer -x", "PTL", None, "transfer function of the main feature",
+       choices=("linear", "srgb", "pu", "log")),
+    _o("--data_dir -D", "PTLID", "data", "folder of raw data sets"),
+    _o("--results_dir -R", "PTLIXV", "results", "folder of results"),
+    _o("--result -r", "TLIXV", None, "name of the result"),
+    _o("--aux_results -a", "PTLI", [], "results that prefilter auxiliary features", **MANY),
+    _o("--num_epochs --epochs -e", "PTIX", {"T": 2000}, "epochs to train, or checkpoint", **INT),
+    _o("--num_valid_epochs --valid_epochs", "T", 10, "validate every n epochs", **INT),
+    _o("--num_save_epochs --save_epochs", "T", 10, "save a checkpoint every n epochs", **INT),
+    _o("--learning_rate --lr", "TL", {"L": 1e-8}, "initial learning rate", **FLOAT),
+    _o("--max_learning_rate --max_lr", "TL", {"L": 0.1}, "largest learning rate", **FLOAT),
+    _o("--learning_rate_warmup --lr_warmup", "T", None, "share of the cycle that rises", **FLOAT),
+    _o("--compile", "T", None, "torch.compile mode (default: reduce-overhead on cuda)",
+       choices=("disable", "default", "reduce-overhead", "max-autotune")),
+    _o("--batch_size --bs -b", "TL", None, "batch size over all devices", **INT),
+    _o("--num_loaders --loaders -j", "TL", 4, "loader processes per device, or 0", **INT),
+    _o("--precision -p", "TL", None, "training precision", choices=("fp32", "mixed", "bf16")),
+    _o("--net", "TL", None, "topology of lib/nets.def: picks the default model",
+       choices=tuple(MODEL_BY_NET)),
+    _o("--model -m", "TL", None, "model of configs/models.json, or topology:width,width,..."),
+    _o("--loss -l", "TL", None, "loss function", choices=LOSSES),
+    _o("--msssim_weights", "TL", None, "MS-SSIM exponents, finest scale first", nargs="*",
+       type=float),
+    _o("--tile_size --ts", "TL", None, "side of the training tiles", **INT),
+    _o("--seed -s", "TL", None, "seed of the random numbers (default: from the clock)", **INT),
+    _o("--num_steps", "L", None, "steps of the sweep (default: one epoch, at least 100)", **INT),
+    _o("--time_budget --time-budget", "T", None, "end after this time, e.g. 30m, 2h, 90s"),
+    _o("--ema", "T", 0.999, "decay of the averaged weights; 0: none", **FLOAT),
+    _o("--grad_clip", "T", None, "largest norm of the gradient; 0: any", **FLOAT),
+    _o("--init", "T", None, "start from the weights of a result, or of a .tza or .pt file"),
+    _o("--quantize_aware", "T", 0, "then train the integer model for this many steps", **INT),
+    _o("--quantize_rate", "T", 0.02, "its learning rate, in steps of weights", **FLOAT),
+    _o("--exposure_jitter", "TL", 0.0, "random exposure of hdr tiles, +- stops", **FLOAT),
+    _o("--average_inputs", "TL", 0.0, "share of inputs averaged over the group", **FLOAT),
+    _o("--blend_target", "TL", 0.0, "share of inputs blended towards the target", **FLOAT),
+    _o("--mix_clean_aux", "TL", 0.0, "share of inputs with the target's features", **FLOAT),
+    _o("--normal_signs", "TL", 0.0, "share of tiles with random signs of normals", **FLOAT),
+    _o("--drop_features", "TL", None, "family K: share of tiles without all features", **FLOAT),
+    _o("--clip", "TL", None, "family K: share of tiles clipped like LDR images", **FLOAT),
+    _o("--metric -M", "IQ", ["psnr", "ssim"], "metrics", nargs="*", choices=METRICS),
+    _o("--input_data -i", "ID", {"I": "test", "D": "train"}, "raw data set to read"),
+    _o("--output_dir -O", "I", "infer", "folder of denoised images"),
+    _o("--output_suffix -o", "I", None, "suffix of denoised images (default: the result's name)"),
+    _o("--format -F", "I", ["exr"], "formats of denoised images", nargs="*"),
+    _o("--save_all", "I", False, "save input and target as well", **FLAG),
+    _o("--output -o", "X", None, "output file"),
+    _o("--int8", "X", False, "weights: the integer model", **FLAG),
+    _o("--weights", "IX", "ema", "which weights of a checkpoint", choices=("ema", "raw")),
+    _o("--best", "IX", False, "the checkpoint of the best validation", **FLAG),
+    _o("--port", "V", 6006, "port of TensorBoard", **INT),
+    _o("--exposure -E", "CQ", 1.0, "linear scale before tone mapping", **FLOAT),
+    _o("--layer", "Z", None, "EXR layer to split"),
+    _o("--device -d", "PTLIX", None, "device", choices=("cpu", "cuda", "mps")),
+    _o("--device_id -k", "PTLIX", 0, "first device", **INT),
+    _o("--num_devices -n", "PTLIX", 1, "processes for data parallel training", **INT),
+    _o("--threads", "PTLI", 0, "CPU threads per process; 0: PyTorch's choice", **INT),
+    _o("--deterministic --det", "PTLIX", {"P": True, "I": True, "X": True, "T": False, "L": False},
+       "deterministic algorithms", **FLAG),
+)
