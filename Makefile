@@ -2,6 +2,7 @@
 #
 #   make                the libraries and the tools, in build/
 #   make demo           denoises demo/ and says what it did
+#   make train-demo     from nothing to a denoiser: scenes, training, export, check (half an hour)
 #   make check          every test (as root it installs the Debian packages that they need)
 #   make install        DESTDIR= prefix=/usr/local libdir= includedir= ...
 #   make conform        every port of this CPU against the scalar one, and its speed
@@ -296,7 +297,7 @@ $(foreach t,$(TESTS),$(eval $(call test_rules,$(t))))
 # ---- Demo and tests ------------------------------------------------------------------------------
 
 VENV := build/venv
-.PHONY: demo check check-built check-san conform peer peer-test bench-peer chart peer-ready
+.PHONY: demo train-demo check check-built check-san conform peer peer-test bench-peer chart peer-ready
 
 # Where the tools of the tests and comparisons find the build.
 TOOLS := LULL_BUILD='$(abspath $(BUILD))' PYTHON='$(abspath $(VENV))/bin/python'
@@ -316,6 +317,12 @@ check:
 
 check-built: tests
 	@$(VENV)/bin/python tests/run.py --build $(BUILD) $(CHECK)
+
+# From nothing to weights: scenes, a training of ten minutes, an integer model, a check of its gain.
+train-demo:
+	@sh tests/setup.sh check $(VENV)
+	@$(MAKE) $(JOBS) --no-print-directory all
+	@sh demo/train.sh $(BUILD) $(VENV)/bin/python
 
 # C tests and scripts under sanitizers: make check-san SAN=address,undefined (or memory, with CC=clang)
 check-san: tests

@@ -4,7 +4,8 @@
 #
 #   tests/setup.sh build          headers of OpenEXR and libpng, pkg-config (for `make demo`)
 #   tests/setup.sh check VENV     these, Python 3.10, and in the virtual environment VENV the packages
-#                                 of tests/requirements.txt and training/requirements.txt
+#                                 of tests/requirements.txt and training/requirements.txt, and, where
+#                                 they can be had, those of training/scenes/requirements.txt and LLVM
 #   tests/setup.sh peer VENV      these, and bench/requirements.txt (the real Open Image Denoise)
 #
 # Environment: PYTHON (default python3), LULL_NO_INSTALL=1 never installs Debian packages, CI=true makes
@@ -35,12 +36,31 @@ find_missing() {
     fi
 }
 
+# LLVM's shared library, with which Mitsuba renders the scenes (training/scenes/backend.py finds it).
+llvm_is_there() {
+    for library in /usr/lib/*/libLLVM*.so* /usr/lib/llvm-*/lib/libLLVM*.so* /usr/local/lib/libLLVM*.so*; do
+        [ ! -e "$library" ] || return 0
+    done
+    return 1
+}
+
+llvm_package() { # the newest one that the distribution has
+    for version in 19 18 17 16 15 14; do
+        if apt-cache show "libllvm$version" >/dev/null 2>&1; then
+            echo "libllvm$version"
+            return
+        fi
+    done
+    echo libllvm19
+}
+
 # Of use to some tests, and left alone where they cannot be had.
 find_wanted() {
     missing=
     [ "$what" = check ] || return 0
     need g++ command -v c++
     need libsimde-dev [ -e /usr/include/simde ]
+    need "$(llvm_package)" llvm_is_there
     [ "${CI:-}" = true ] || return 0
     need clang command -v clang
     need cmake command -v cmake
@@ -62,9 +82,13 @@ install_packages() { # installs $missing
     echo "installing Debian packages:$missing"
     export DEBIAN_FRONTEND=noninteractive
     # shellcheck disable=SC2086
-    { apt-get install -qq -y --no-install-recommends $missing >/dev/null 2>&1 ||
-        { apt-get update -qq && apt-get install -qq -y --no-install-recommends $missing >/dev/null; }; } ||
-        echo "setup: apt-get could not install:$missing" >&2
+    apt-get install -qq -y --no-install-recommends $missing >/dev/null 2>&1 && return
+    apt-get update -qq || true
+    apt-get install -qq -y --no-install-recommends $missing >/dev/null 2>&1 && return
+    for package in $missing; do # one that is unknown here must not keep the others out
+        apt-get install -qq -y --no-install-recommends "$package" >/dev/null ||
+            echo "setup: apt-get could not install $package" >&2
+    done
 }
 
 find_missing
@@ -85,15 +109,17 @@ find_wanted
 venv=$2
 [ -x "$venv/bin/python" ] || "$python" -m venv "$venv"
 lists="tests/requirements.txt training/requirements.txt"
+wanted=training/scenes/requirements.txt
 if [ "$what" = peer ] || [ "${CI:-}" = true ]; then
     lists="$lists bench/requirements.txt"
 fi
-for list in $lists; do
+for list in $lists $wanted; do
     stamp=$venv/$(echo "$list" | tr / -).done
     ! cmp -s "$root/$list" "$stamp" || continue
     echo "installing $list into $venv (this can take minutes)"
     "$venv/bin/python" -m pip install --quiet --disable-pip-version-check -r "$root/$list" || {
         echo "setup: pip could not install the packages of $list" >&2
+        [ "$list" != "$wanted" ] || [ "${CI:-}" = true ] || continue
         exit 1
     }
     cp "$root/$list" "$stamp"
