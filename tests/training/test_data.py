@@ -322,7 +322,7 @@ def test_black_tiles_and_exposure_jitter():
 def test_average_input_is_the_weighted_mean():
     p = small_pictures()[0]
     batches = Batches([p], F, "hdr", "linear", 1, 32, 1, Augment(average=1.0))
-    x, _ = batches.light(p, 0, np.s_[:32, :32], np.random.default_rng(0))
+    x, _, _ = batches.light(p, 0, np.s_[:32, :32], np.random.default_rng(0))
     a, b = (i[:32, :32].astype(np.float32) for i in p.inputs)
     assert np.abs(x - (a + 4 * b) / 5).max() < 2e-3
 
