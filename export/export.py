@@ -5,6 +5,7 @@
     python -m export.export -r my_result --int8              the integer model, for lull
     python -m export.export -r my_result package             the result as a zip file
     python -m export.export -r my_result onnx|onnx_noparams  the network for other runtimes
+    python -m export.export -r weights.pt                    fp16 weights of a state dict
 """
 from __future__ import annotations
 
@@ -18,7 +19,7 @@ from export.tza import TzaError, Writer, write_weights
 from training import errors
 from training.errors import STATE, USAGE, ToolError
 from training.imageio import replacing
-from training.result import Result, load_model
+from training.result import Result, load_model, read_weights
 from training.settings import Settings, parse
 
 ONNX_SIZE = (1088, 1920)  # height and width of the exported graph
@@ -30,15 +31,28 @@ def main(argv: list[str]) -> None:
         raise ToolError("--int8 goes with the target weights", USAGE)
     print(f"PyTorch: {torch.__version__}")
     result = Result(settings.results_dir, settings.result)
-    result.require()
+    if state_file(settings):
+        if settings.target != "weights" or settings.int8:
+            raise ToolError(f"{settings.result}: of a state dict there are fp16 weights only; "
+                            "export.quantize_kernel makes integers", USAGE)
+    else:
+        result.require()
     path = TARGETS[settings.target](result, settings)
     print(f"Saved: {path}")
+
+
+def state_file(settings: Settings) -> Path | None:
+    """The state dict (.pt) that --result names instead of a result."""
+    path = Path(settings.result)
+    return path if path.suffix == ".pt" and path.is_file() else None
 
 
 def output_path(result: Result, settings: Settings, extension: str) -> Path:
     """--output, or the result's folder and name; with the epoch if one was asked for."""
     if settings.output:
         return Path(settings.output)
+    if path := state_file(settings):
+        return path.with_suffix(extension)
     epoch = settings.num_epochs
     mark = f"_{epoch}" if epoch and epoch > 0 else ""
     return result.folder / f"{result.name}{mark}{extension}"
@@ -62,9 +76,13 @@ def export_weights(result: Result, settings: Settings) -> Path:
     """Every tensor as fp16, named and laid out as Open Image Denoise reads it."""
     if settings.int8:
         return export_integer(result, settings)
-    model, _, _ = load_model(result, settings.num_epochs, settings.best, settings.weights)
+    if source := state_file(settings):
+        state = read_weights(source)
+    else:
+        state = load_model(result, settings.num_epochs, settings.best,
+                           settings.weights)[0].state_dict()
     path = output_path(result, settings, ".tza")
-    tensors = {k: v.detach().contiguous().cpu().numpy() for k, v in model.state_dict().items()}
+    tensors = {k: v.detach().contiguous().cpu().numpy() for k, v in state.items()}
     try:
         with replacing(path) as tmp:
             write_weights(tmp, tensors)

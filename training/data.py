@@ -43,6 +43,7 @@ class Augment:
     blend: float = 0.0      # share of inputs moved towards the target by a random amount
     clean_aux: float = 0.0  # share of inputs that get the reference's aux features
     signs: float = 0.0      # share of tiles whose normals get random axis signs
+    fireflies: float = 0.0  # share of hdr tiles in which single pixels become very bright
     drop: float = 0.0       # family K: share of tiles that lose auxiliary features
     clip: float = 0.0       # family K: share of tiles clipped at a random white (hdr only)
 
@@ -189,18 +190,35 @@ class Batches:
             aux = np.average([v[cut][..., m:].astype(np.float32) for v in picture.inputs], 0,
                              picture.weights)
         xm, ym = x[..., :m], y[..., :m]
-        if stops or average or blend or clip:
+        flies = self.main == "hdr" and a.fireflies > 0 and rng.random() < a.fireflies
+        if stops or average or blend or clip or flies:
             xr, yr = self.table.decode(xm), self.table.decode(ym)
             if average:
                 xr = np.average([self.table.decode(v[cut][..., :m]) for v in picture.inputs], 0,
                                 picture.weights).astype(np.float32)
             if blend:
                 xr = yr + np.float32(rng.uniform(0.2, 1.0)) * (xr - yr)
-            scale = np.float32(2.0**(stops + rng.uniform(*WHITES) if clip else stops))
-            top = np.float32(1 if clip else color.HDR_MAX)
-            xm, ym = (self.table.encode(np.minimum(v * scale, top)) for v in (xr, yr))
+            scale, top = np.float32(2.0**stops), np.float32(color.HDR_MAX)
+            xr, yr = xr * scale, yr * scale
+            if flies:
+                add_fireflies(xr, rng)
+            if clip:
+                scale, top = np.float32(2.0**rng.uniform(*WHITES)), np.float32(1)
+                xr, yr = xr * scale, yr * scale
+            xm, ym = (self.table.encode(np.minimum(v, top)) for v in (xr, yr))
         x = np.concatenate([xm, aux], -1).astype(np.float32)
         return x, ym.astype(np.float32), clip
+
+
+def add_fireflies(radiance: np.ndarray, rng: np.random.Generator) -> None:
+    """Makes one of 300 to 10000 pixels of [h,w,3], in place, up to 10^5 times as bright, in a colour
+    of its own: paths that found a light by luck."""
+    h, w, channels = radiance.shape
+    n = rng.poisson(h * w / 10 ** rng.uniform(2.5, 4))
+    y, x = rng.integers(0, h, n), rng.integers(0, w, n)
+    gain = 10 ** (rng.uniform(1, 5, (n, 1)) * rng.uniform(0.3, 1, (n, 1)))
+    gain = gain * rng.uniform(0.3, 1, (n, channels))
+    radiance[y, x] = np.minimum((radiance[y, x] + 0.01) * gain, color.HDR_MAX)
 
 
 def shuffle(x: np.ndarray, y: np.ndarray, features: list[str], main: str, rng: np.random.Generator,

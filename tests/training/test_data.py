@@ -319,6 +319,23 @@ def test_black_tiles_and_exposure_jitter():
     assert np.std(means) > 0.05  # without jitter all tiles have about the same mean
 
 
+def test_fireflies():
+    """Few pixels of some inputs shine, nothing else of the tile differs, the target not at all."""
+    p, cut, found = small_pictures()[0], np.s_[:64, :64], 0
+    for seed in range(60):
+        tiles = [Batches([p], F, "hdr", "pu", 1, 32, 1, Augment(fireflies=share)).light(
+            p, 0, cut, np.random.default_rng(seed)) for share in (0.0, 0.5)]
+        (x, y, _), (fx, fy, _) = tiles
+        assert np.array_equal(x[..., 3:], fx[..., 3:]) and np.abs(y - fy).max() < 1e-3
+        more = np.abs(fx[..., :3] - x[..., :3]).max(-1) > 2e-3
+        found += bool(more.any())
+        assert more.mean() < 0.02
+        if more.any():
+            light, dark = (color.pu_inverse(a[..., :3][more]) for a in (fx, x))
+            assert (light.max(-1) > dark.max(-1)).all() and light.max() <= color.HDR_MAX * 1.01
+    assert 12 <= found <= 45  # of 30 tiles; some get no pixel
+
+
 def test_average_input_is_the_weighted_mean():
     p = small_pictures()[0]
     batches = Batches([p], F, "hdr", "linear", 1, 32, 1, Augment(average=1.0))

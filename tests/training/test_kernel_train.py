@@ -243,6 +243,8 @@ def test_weights_of_elsewhere(raw, work, capsys):
         assert quantize_kernel.main([source, f"{source}.int8.tza", "--data",
                                      str(raw / "train"), "--count", "2"]) == 0
     assert Path("k.pt.int8.tza").read_bytes() == Path("k.tza.int8.tza").read_bytes()
+    export.main(["-r", "k.pt", "-o", "again.tza"])
+    assert Path("again.tza").read_bytes() == Path("k.tza").read_bytes()
     Path("bad.pt").write_bytes(b"x")
     assert quantize_kernel.main(["bad.pt", "x.tza", "--data", str(raw / "train")]) == 2
     evaluate.main(["k.tza=hdr,alb", "--images", str(raw / "valid"), "--no_oidn", "--metric",
@@ -267,10 +269,12 @@ def test_defaults_and_the_shipped_settings(root):
     assert (s.model, s.family, s.batch_size, s.tile_size, s.loss) == (
         "k16", "K", 4, 128, "l1_grad")
     assert s.max_learning_rate == pytest.approx(2e-3) and s.grad_clip == 1.0
-    s = parse("train", ["-c", str(root / "training" / "configs" / "kernel5_16.json"), "-t", "x",
-                        "--time-budget", "30m"])
-    assert (s.model, s.family, s.drop_features) == ("k16", "K", 0.3)
-    assert json.dumps(s.to_dict())
+    files = sorted((root / "training" / "configs").glob("kernel5_*.json"))
+    assert files
+    for path in files:
+        s = parse("train", ["-c", str(path), "-t", "x", "--time-budget", "30m"])
+        assert (s.family, s.drop_features) == ("K", 0.3) and nets.build(s.model, 9).inputs == 12
+        assert json.dumps(s.to_dict())
 
 
 def test_onnx_is_refused(raw, work, fails):
