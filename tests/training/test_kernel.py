@@ -34,6 +34,22 @@ def test_fused_filter_equals_the_plain_one_and_its_gradient():
     assert torch.autograd.gradcheck(kernel_filter._Fused.apply, (logits, v))
 
 
+def test_compiled_operations_are_shared_by_checkouts(tmp_path, monkeypatch):
+    """A copy of the source elsewhere finds what this one compiled; a changed one does not."""
+    if kernel_filter.fused_module() is None:
+        pytest.skip("optional: no C++ compiler for the fused operation")
+    folder = kernel_filter._cache_folder()
+    copy = tmp_path / "kernel_filter.cpp"
+    copy.write_bytes(kernel_filter.SOURCE.read_bytes())
+    monkeypatch.setattr(kernel_filter, "SOURCE", copy)
+    assert kernel_filter._cache_folder() == folder
+    monkeypatch.setattr("torch.utils.cpp_extension.load", None)  # not called
+    assert callable(kernel_filter._load(folder).forward)
+    assert {p.name for p in folder.iterdir()} == {"lock", "lull_kernel_filter.so"}
+    copy.write_bytes(b"// " + copy.read_bytes())
+    assert kernel_filter._cache_folder() != folder
+
+
 def test_fused_split_equals_the_plain_one_and_its_gradient(monkeypatch):
     if kernel_filter.fused_module() is None:
         pytest.skip("optional: no C++ compiler for the fused operation")
