@@ -211,8 +211,8 @@ class Batches:
 
 
 def add_fireflies(radiance: np.ndarray, rng: np.random.Generator) -> None:
-    """Makes one of 300 to 10000 pixels of [h,w,3], in place, up to 10^5 times as bright, in a colour
-    of its own: paths that found a light by luck."""
+    """Makes one of 300 to 10000 pixels of [h,w,3], in place, up to 10^5 times as bright, in a
+    colour of its own: paths that found a light by luck."""
     h, w, channels = radiance.shape
     n = rng.poisson(h * w / 10 ** rng.uniform(2.5, 4))
     y, x = rng.integers(0, h, n), rng.integers(0, w, n)

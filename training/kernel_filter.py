@@ -57,8 +57,8 @@ def _cache_folder() -> Path:
 
 
 def _load(folder: Path):
-    """The module of a cache folder, compiled first if there is none. One process does it while others
-    wait; a lock of PyTorch's own would stay behind if that process were killed."""
+    """The module of a cache folder, compiled first if there is none. One process does it while
+    others wait; a lock of PyTorch's own would stay behind if that process were killed."""
     library = folder / f"{MODULE}.so"
     folder.mkdir(parents=True, exist_ok=True)
     with open(folder / "lock", "wb") as lock:
