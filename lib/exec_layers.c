@@ -79,6 +79,10 @@ static void conv_row(const lull_plan *plan, unsigned l, uint8_t *out, unsigned x
     int skip_first = layer->source[1] != LULL_TENSOR_NONE && /* wide segments go first */
                      plan->ring[layer->source[1]].dtype == LULL_DTYPE_U15;
     unsigned phases = lull_layer_is_up(layer) ? 2 : 1;
+    void (*kernel)(const lull_conv *) = !plan->model->graph.is_integer ? kernels->conv_f32
+                                        : lull_pack_is_int3(&plan->model->graph, l)
+                                            ? kernels->conv_int3
+                                            : kernels->conv_int;
     lull_conv conv;
     conv.bias = (const uint8_t *)plan->model + packed->bias;
     conv.multiplier =
@@ -97,7 +101,7 @@ static void conv_row(const lull_plan *plan, unsigned l, uint8_t *out, unsigned x
         add_source(&conv, plan, l, (int)(x + phase), (int)y);
         if (!skip_first)
             add_skip(&conv, plan, l, (int)(x + phase), (int)y, phases);
-        (plan->model->graph.is_integer ? kernels->conv_int : kernels->conv_f32)(&conv);
+        kernel(&conv);
     }
 }
 

@@ -34,6 +34,9 @@ typedef struct lull_segment {
  * are read in whole dwords: 4 narrow or 2 wide elements; the weights of elements past the run are
  * zero. A weight dword holds 4 int8 or 2 int16 in memory order. B is the table's block_int.
  *
+ * conv_int3: the same for exactly three outputs, with B = 1, which is what integer layers of three
+ * outputs are packed for.
+ *
  * bias and multiplier are zero-padded to whole blocks. */
 typedef struct lull_conv {
     void *out;

@@ -210,8 +210,16 @@ static void fill_tables(lull_model *model)
 /* ---- Models
  * ----------------------------------------------------------------------------------------- */
 
-static unsigned lanes_of(const lull_graph *graph, const lull_kernels *kernels)
+int lull_pack_is_int3(const lull_graph *graph, unsigned l)
 {
+    return graph->is_integer && graph->layer[l].outputs == 3;
+}
+
+/* Outputs in a weight block of layer l. */
+static unsigned lanes_of(const lull_graph *graph, const lull_kernels *kernels, unsigned l)
+{
+    if (lull_pack_is_int3(graph, l))
+        return 1;
     return graph->is_integer ? kernels->block_int : kernels->block_f32;
 }
 
@@ -277,7 +285,7 @@ static void pack_layer(lull_model *model, unsigned l, const lull_tza *tza)
 {
     const lull_layer *layer = &model->graph.layer[l];
     lull_packed_layer *packed = &model->layer[l];
-    unsigned lanes = lanes_of(&model->graph, &model->kernels);
+    unsigned lanes = lanes_of(&model->graph, &model->kernels, l);
     uint8_t *base = (uint8_t *)model;
     lull_layer_tensors tensors;
     block b;
@@ -317,7 +325,7 @@ static lull_status examine(lull_graph *graph, lull_kernels *kernels, size_t *byt
     lull_kernels_fill(kernels, ports);
     *bytes = lull_align_up(sizeof(lull_model), LULL_ALIGN);
     for (unsigned l = 0; l < graph->layers; l++)
-        *bytes = layout(&packed, graph, l, lanes_of(graph, kernels), *bytes);
+        *bytes = layout(&packed, graph, l, lanes_of(graph, kernels, l), *bytes);
     return LULL_OK;
 }
 
@@ -353,8 +361,8 @@ lull_status lull_model_init(lull_model **model, void *memory, size_t memory_byte
     if (status == LULL_OK && memory_bytes < made->bytes)
         status = LULL_ERROR_MEMORY;
     for (unsigned l = 0; status == LULL_OK && l < made->graph.layers; l++) {
-        total =
-            layout(&made->layer[l], &made->graph, l, lanes_of(&made->graph, &made->kernels), total);
+        total = layout(&made->layer[l], &made->graph, l,
+                       lanes_of(&made->graph, &made->kernels, l), total);
         if (made->graph.is_integer)
             status = check_integer(&made->graph, l, &tza);
         if (status == LULL_OK)

@@ -10,9 +10,11 @@
 #define BORDER 2u      /* pixels of zeros beside a row; on the left aligned, see lull_ring_left */
 #define ROW_SLACK 16u  /* readable bytes after a row's right border */
 
-/* Row steps, fastest first. A step of 1 would need more memory again: coarse layers then run ahead.
- */
+/* Row steps, fastest first. The first is for many threads, which want many rows to share; for few,
+ * 8 rows stay in caches better. A step of 1 would need more memory again: coarse layers then run
+ * ahead. */
 static const unsigned steps[] = {16, 8, 4, 2};
+#define FEW_THREADS 4u
 #define STEP_COUNT (sizeof steps / sizeof steps[0])
 
 /* Rows of a layer (before pooling) that `rows` of a source's `height` rows allow; `all` is the
@@ -288,7 +290,7 @@ static lull_status choose(lull_plan *plan)
     unsigned align = 1u << plan->model->graph.levels;
     size_t limit = frame->max_bytes ? frame->max_bytes : (size_t)-1;
     unsigned whole = lull_max_u(plan->width, align);
-    for (unsigned i = 0; i < STEP_COUNT; i++) {
+    for (unsigned i = plan->threads <= FEW_THREADS; i < STEP_COUNT; i++) {
         plan->row_step = frame->row_step ? frame->row_step : steps[i];
         plan->strip_width = whole;
         if (frame->strip_width)

@@ -5,7 +5,7 @@
  * that index is not finished the owner cannot go on, so body and context are stable. */
 #include "threads.h"
 
-#define SPIN_NS 50000u   /* how long to look for work before sleeping; about one wake-up */
+#define SPIN_NS 500000u   /* how long to look for work before sleeping: some tasks of a layer */
 #define LOOP_MAX 0x7fffu /* indices published at once; longer loops run in pieces */
 #define WORKER_STACK ((size_t)256 << 10)
 

@@ -22,6 +22,20 @@ static void add_narrow(int32_t *sum, const lull_segment *segment, unsigned block
                       x[3] * w[4 * o + 3];
 }
 
+static int32_t requantised(const lull_conv *conv, int32_t sum, unsigned o)
+{
+    int64_t q = ((int64_t)sum * conv->multiplier[o] + (1 << 30)) >> 31;
+    return (int32_t)(q < 0 ? 0 : q > conv->out_max ? conv->out_max : q);
+}
+
+static void store(const lull_conv *conv, size_t at, int32_t q)
+{
+    if (conv->out_max <= 255)
+        ((uint8_t *)conv->out)[at] = (uint8_t)q;
+    else
+        ((uint16_t *)conv->out)[at] = (uint16_t)q;
+}
+
 static void pixel(const lull_conv *conv, unsigned block, unsigned p)
 {
     int32_t sum[B] = {0};
@@ -34,14 +48,8 @@ static void pixel(const lull_conv *conv, unsigned block, unsigned p)
                  ((const int32_t *)conv->bias)[first + o];
     for (; s < conv->segments; s++)
         add_narrow(sum, &conv->segment[s], block, p);
-    for (unsigned o = 0; o < n; o++) {
-        int64_t q = ((int64_t)sum[o] * conv->multiplier[first + o] + (1 << 30)) >> 31;
-        q = q < 0 ? 0 : q > conv->out_max ? conv->out_max : q;
-        if (conv->out_max <= 255)
-            ((uint8_t *)conv->out)[at + o] = (uint8_t)q;
-        else
-            ((uint16_t *)conv->out)[at + o] = (uint16_t)q;
-    }
+    for (unsigned o = 0; o < n; o++)
+        store(conv, at + o, requantised(conv, sum[o], first + o));
 }
 
 void lull_conv_int_scalar(const lull_conv *conv)
@@ -49,4 +57,47 @@ void lull_conv_int_scalar(const lull_conv *conv)
     for (unsigned block = 0; block * B < conv->outputs; block++)
         for (unsigned p = 0; p < conv->pixels; p++)
             pixel(conv, block, p);
+}
+
+/* ---- Three outputs: loops over the elements of a run, which compilers make vectors of */
+
+static int32_t dot_wide(const uint16_t *x, const int16_t *w, size_t n)
+{
+    int32_t sum = 0;
+    for (size_t i = 0; i < n; i++)
+        sum += x[i] * w[i];
+    return sum;
+}
+
+static int32_t dot_narrow(const uint8_t *x, const int8_t *w, size_t n)
+{
+    int32_t sum = 0;
+    for (size_t i = 0; i < n; i++)
+        sum += x[i] * w[i];
+    return sum;
+}
+
+static int32_t int3_sum(const lull_conv *conv, size_t p, unsigned o)
+{
+    int32_t sum = 0;
+    for (unsigned s = 0; s < conv->segments; s++) {
+        const lull_segment *segment = &conv->segment[s];
+        size_t at = p * segment->step, n = segment->length;
+        if (s < conv->wide)
+            sum += dot_wide((const uint16_t *)segment->row + at,
+                            (const int16_t *)segment->weights + o * n * 2, n * 2);
+        else
+            sum += dot_narrow((const uint8_t *)segment->row + at,
+                              (const int8_t *)segment->weights + o * n * 4, n * 4);
+        if (s + 1 == conv->wide)
+            sum = (sum + (1 << conv->wide_shift >> 1)) >> conv->wide_shift;
+    }
+    return sum + ((const int32_t *)conv->bias)[o];
+}
+
+void lull_conv_int3_scalar(const lull_conv *conv)
+{
+    for (size_t p = 0; p < conv->pixels; p++)
+        for (unsigned o = 0; o < 3; o++)
+            store(conv, p * conv->out_step + o, requantised(conv, int3_sum(conv, p, o), o));
 }

@@ -10,6 +10,7 @@ void lull_port_scalar(lull_kernels *kernels)
     kernels->winograd_out = lull_winograd_out_scalar;
     kernels->pool_f32 = lull_pool_f32_scalar;
     kernels->conv_int = lull_conv_int_scalar;
+    kernels->conv_int3 = lull_conv_int3_scalar;
     kernels->pool_u8 = lull_pool_u8_scalar;
     kernels->filter5 = lull_filter5_scalar;
     kernels->encode = lull_encode_scalar;

@@ -20,6 +20,10 @@ LULL_INLINE vec splat(const uint8_t *p)
 LULL_INLINE vec add(vec a, vec b) { return _mm256_add_epi32(a, b); }
 LULL_INLINE vec shift(vec a, unsigned n) { return _mm256_sra_epi32(a, _mm_cvtsi32_si128((int)n)); }
 
+/* For conv_int3.h. */
+#define INT3_PIXELS 3
+#define HALVES(a) (a)
+
 /* Where and how the pixels of a tile are stored. Outputs that do not fill the vectors go to `spare`
  * first: 12 pixels of one vector or 6 of two, 2 bytes each. */
 typedef struct finish {

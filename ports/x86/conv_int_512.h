@@ -19,6 +19,11 @@ LULL_INLINE vec splat(const uint8_t *p)
 LULL_INLINE vec add(vec a, vec b) { return _mm512_add_epi32(a, b); }
 LULL_INLINE vec shift(vec a, unsigned n) { return _mm512_sra_epi32(a, _mm_cvtsi32_si128((int)n)); }
 
+/* For conv_int3.h: the sum of both halves. */
+#define INT3_PIXELS 4
+#define HALVES(a) \
+    _mm256_add_epi32(_mm512_castsi512_si256(a), _mm512_extracti64x4_epi64(a, 1))
+
 /* Where and how the pixels of a tile are stored. */
 typedef struct finish {
     vec even[4], odd[4]; /* twice the multipliers, those of odd lanes in even ones */

@@ -3,6 +3,7 @@
 #include "port_avx2.h"
 
 #define CONV lull_conv_int_avx2
+#define CONV3 lull_conv_int3_avx2
 #define TILE_2 4
 #define TILE_1 8
 #if LULL_X86_ASM
@@ -16,3 +17,4 @@
 #define DOT_WIDE(sum, x, w) ADD_IN_PLACE(sum, _mm256_madd_epi16(x, w))
 
 #include "conv_int_256.h"
+#include "conv_int3.h"

@@ -4,6 +4,7 @@
 #include "port_avx512.h"
 
 #define CONV lull_conv_int_avx512
+#define CONV3 lull_conv_int3_avx512
 #if LULL_X86_ASM
 #define ADD_IN_PLACE(sum, t) __asm__("vpaddd %1, %0, %0" : "+v"(sum) : "v"(t))
 #else
@@ -14,3 +15,4 @@
 #define DOT_WIDE(sum, x, w) ADD_IN_PLACE(sum, _mm512_madd_epi16(x, w))
 
 #include "conv_int_512.h"
+#include "conv_int3.h"

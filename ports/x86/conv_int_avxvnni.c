@@ -2,6 +2,7 @@
 #include "port_avxvnni.h"
 
 #define CONV lull_conv_int_avxvnni
+#define CONV3 lull_conv_int3_avxvnni
 #define TILE_2 6
 #define TILE_1 12
 #if LULL_X86_ASM
@@ -13,3 +14,4 @@
 #endif
 
 #include "conv_int_256.h"
+#include "conv_int3.h"

@@ -2,6 +2,7 @@
 #include "port_vnni.h"
 
 #define CONV lull_conv_int_vnni
+#define CONV3 lull_conv_int3_vnni
 #if LULL_X86_ASM
 #define DOT_NARROW(sum, x, w) __asm__("vpdpbusd %2, %1, %0" : "+v"(sum) : "v"(x), "v"(w))
 #define DOT_WIDE(sum, x, w) __asm__("vpdpwssd %2, %1, %0" : "+v"(sum) : "v"(x), "v"(w))
@@ -11,3 +12,4 @@
 #endif
 
 #include "conv_int_512.h"
+#include "conv_int3.h"

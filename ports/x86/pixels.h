@@ -6,7 +6,8 @@
 #define LULL_X86_PIXELS_H
 
 #define PIXELS_1(X) X(0, x, 0)
-#define PIXELS_4(X) PIXELS_1(X) X(1, x, step) X(2, x, 2 * step) X(3, y, 0)
+#define PIXELS_3(X) PIXELS_1(X) X(1, x, step) X(2, x, 2 * step)
+#define PIXELS_4(X) PIXELS_3(X) X(3, y, 0)
 #define PIXELS_6(X) PIXELS_4(X) X(4, y, step) X(5, y, 2 * step)
 #define PIXELS_8(X) PIXELS_6(X) X(6, z, 0) X(7, z, step)
 #define PIXELS_12(X) PIXELS_8(X) X(8, z, 2 * step) X(9, t, 0) X(10, t, step) X(11, t, 2 * step)

@@ -10,6 +10,7 @@ void lull_port_avx2(lull_kernels *kernels)
     kernels->winograd_out = lull_winograd_out_avx2;
     kernels->pool_f32 = lull_pool_f32_avx2;
     kernels->conv_int = lull_conv_int_avx2;
+    kernels->conv_int3 = lull_conv_int3_avx2;
     kernels->pool_u8 = lull_pool_u8_avx2;
     kernels->filter5 = lull_filter5_avx2;
     kernels->encode = lull_encode_avx2;

@@ -10,6 +10,7 @@
 
 void lull_conv_f32_avx2(const lull_conv *conv);
 void lull_conv_int_avx2(const lull_conv *conv);
+void lull_conv_int3_avx2(const lull_conv *conv);
 void lull_winograd_in_avx2(const lull_winograd *image);
 void lull_winograd_out_avx2(const lull_winograd *image);
 void lull_pool_f32_avx2(float *out, const float *above, const float *below, unsigned channels,

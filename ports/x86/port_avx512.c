@@ -9,6 +9,7 @@ void lull_port_avx512(lull_kernels *kernels)
     kernels->winograd_in = lull_winograd_in_avx512;
     kernels->winograd_out = lull_winograd_out_avx512;
     kernels->conv_int = lull_conv_int_avx512;
+    kernels->conv_int3 = lull_conv_int3_avx512;
 #if !LULL_EMULATE
     kernels->filter5 = lull_filter5_avx512;
 #endif

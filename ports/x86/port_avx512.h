@@ -11,6 +11,7 @@
 
 void lull_conv_f32_avx512(const lull_conv *conv);
 void lull_conv_int_avx512(const lull_conv *conv);
+void lull_conv_int3_avx512(const lull_conv *conv);
 void lull_winograd_in_avx512(const lull_winograd *image);
 void lull_winograd_out_avx512(const lull_winograd *image);
 void lull_filter5_avx512(float *out, const float *const *rows, const uint8_t *codes,

@@ -5,4 +5,5 @@ void lull_port_avxvnni(lull_kernels *kernels)
 {
     kernels->block_int = 8;
     kernels->conv_int = lull_conv_int_avxvnni;
+    kernels->conv_int3 = lull_conv_int3_avxvnni;
 }

@@ -9,5 +9,6 @@
 #endif
 
 void lull_conv_int_avxvnni(const lull_conv *conv);
+void lull_conv_int3_avxvnni(const lull_conv *conv);
 
 #endif

@@ -74,17 +74,17 @@ static void forget(const void *p)
     free(block);
 }
 
-/* Multiply-accumulates per second of a peak loop. */
+/* Multiply-accumulates per second of a peak loop, for a moment. */
 static double peak_speed(const bench_peak *peak)
 {
-    double speed[RUNS];
-    for (unsigned i = 0; i < RUNS; i++) {
-        double start = cpu_seconds();
-        double macs = peak->macs(2000000);
-        speed[i] = macs / (cpu_seconds() - start);
-    }
-    qsort(speed, RUNS, sizeof *speed, ascending);
-    return speed[RUNS / 2];
+    double start = cpu_seconds(), macs = peak->macs(500000);
+    return macs / (cpu_seconds() - start);
+}
+
+static double median(double *values)
+{
+    qsort(values, RUNS, sizeof *values, ascending);
+    return values[RUNS / 2];
 }
 
 static void add_segment(lull_conv *conv, int is_integer, int is_wide, unsigned elements,
@@ -152,43 +152,54 @@ static void release(lull_conv *conv)
     forget(conv->out);
 }
 
-static double conv_speed(void (*kernel)(const lull_conv *), const lull_conv *conv, double macs)
+/* Multiply-accumulates per second; *share: of the peak measured in turn with it, as clocks change
+ * from moment to moment. */
+static double conv_speed(void (*kernel)(const lull_conv *), const lull_conv *conv, double macs,
+                         const bench_peak *peak, double *share)
 {
-    double speed[RUNS];
+    double speed[RUNS], shares[RUNS];
     kernel(conv);
     for (unsigned i = 0; i < RUNS; i++) {
-        double start = cpu_seconds(), end;
+        double before = peak ? peak_speed(peak) : 0, start = cpu_seconds(), end;
         unsigned n = 0;
         do {
             kernel(conv);
             n++;
         } while ((end = cpu_seconds()) - start < RUN_SECONDS);
         speed[i] = macs * n / (end - start);
+        shares[i] = peak ? 2 * speed[i] / (before + peak_speed(peak)) : 0;
     }
-    qsort(speed, RUNS, sizeof *speed, ascending);
-    return speed[RUNS / 2];
+    *share = median(shares);
+    return median(speed);
 }
 
 static void bench_conv(const char *port, const lull_kernels *kernels, int is_integer)
 {
     const char *slot = is_integer ? "conv_int" : "conv_f32";
-    double peak = 0;
+    const bench_peak *peak = NULL;
     for (unsigned i = 0; i < bench_peak_count; i++)
         if (!strcmp(bench_peaks[i].port, port) && !strcmp(bench_peaks[i].slot, slot)) {
-            peak = peak_speed(&bench_peaks[i]);
-            printf("%-8s %s peak (%s): %.1f GMAC/s\n", port, slot, bench_peaks[i].instructions,
-                   peak * 1e-9);
+            double speed[RUNS];
+            peak = &bench_peaks[i];
+            for (unsigned k = 0; k < RUNS; k++)
+                speed[k] = peak_speed(peak);
+            printf("%-8s %s peak (%s): %.1f GMAC/s\n", port, slot, peak->instructions,
+                   median(speed) * 1e-9);
         }
     for (unsigned i = 0; i < sizeof layers / sizeof layers[0]; i++) {
+        int is_int3 = is_integer && layers[i].outputs == 3;
+        void (*kernel)(const lull_conv *) = is_int3      ? kernels->conv_int3
+                                            : is_integer ? kernels->conv_int
+                                                         : kernels->conv_f32;
+        unsigned block = is_int3 ? 1 : is_integer ? kernels->block_int : kernels->block_f32;
         lull_conv conv;
-        double macs, speed;
-        make(&conv, &layers[i], is_integer, is_integer ? kernels->block_int : kernels->block_f32,
-             &macs);
-        speed = conv_speed(is_integer ? kernels->conv_int : kernels->conv_f32, &conv, macs);
+        double macs, speed, share;
+        make(&conv, &layers[i], is_integer, block, &macs);
+        speed = conv_speed(kernel, &conv, macs, peak, &share);
         release(&conv);
         printf("%-8s %s %-24s %7.1f GMAC/s", port, slot, layers[i].name, speed * 1e-9);
-        if (peak > 0)
-            printf("  %3.0f %% of peak", 100 * speed / peak);
+        if (peak)
+            printf("  %3.0f %% of peak", 100 * share);
         printf("\n");
         fflush(stdout);
     }

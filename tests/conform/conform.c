@@ -16,7 +16,7 @@
 static struct {
     const lull_kernels *port;
     lull_kernels scalar;
-    int is_scalar;
+    int is_scalar, is_int3;
     float tolerance;
     cases_pattern pattern;
     unsigned cases;
@@ -69,8 +69,10 @@ static void run_conv(const lull_kernels *kernels, cases_conv *c, void *out)
 {
     memcpy(out, before, cases_out_bytes(c));
     c->conv.out = out;
-    cases_pack(c, c->is_integer ? kernels->block_int : kernels->block_f32);
-    if (c->is_integer)
+    cases_pack(c, now.is_int3 ? 1 : c->is_integer ? kernels->block_int : kernels->block_f32);
+    if (now.is_int3)
+        kernels->conv_int3(&c->conv);
+    else if (c->is_integer)
         kernels->conv_int(&c->conv);
     else
         kernels->conv_f32(&c->conv);
@@ -111,6 +113,14 @@ static void conv_cases(int is_integer)
 }
 
 static void conv_int_cases(void) { conv_cases(1); }
+static void conv_int3_cases(void)
+{
+    now.is_int3 = 1;
+    for (unsigned round = 0; round < 4 * ROUNDS; round++)
+        for (unsigned pixels = 1; pixels <= MAX_PIXELS; pixels++)
+            conv_case(1, 3, pixels);
+    now.is_int3 = 0;
+}
 static void conv_f32_cases(void) { conv_cases(0); }
 
 /* Runs one pattern of a slot as a counted test and prints its line. */

@@ -30,6 +30,7 @@
 #define lull_port_vnni emulated_port_vnni
 #define lull_conv_f32_avx2 emulated_conv_f32_avx2
 #define lull_conv_int_avx2 emulated_conv_int_avx2
+#define lull_conv_int3_avx2 emulated_conv_int3_avx2
 #define lull_winograd_in_avx2 emulated_winograd_in_avx2
 #define lull_winograd_out_avx2 emulated_winograd_out_avx2
 #define lull_pool_f32_avx2 emulated_pool_f32_avx2
@@ -42,10 +43,13 @@
 #define lull_modulate_avx2 emulated_modulate_avx2
 #define lull_conv_f32_avx512 emulated_conv_f32_avx512
 #define lull_conv_int_avx512 emulated_conv_int_avx512
+#define lull_conv_int3_avx512 emulated_conv_int3_avx512
 #define lull_winograd_in_avx512 emulated_winograd_in_avx512
 #define lull_winograd_out_avx512 emulated_winograd_out_avx512
 #define lull_conv_int_avxvnni emulated_conv_int_avxvnni
+#define lull_conv_int3_avxvnni emulated_conv_int3_avxvnni
 #define lull_conv_int_vnni emulated_conv_int_vnni
+#define lull_conv_int3_vnni emulated_conv_int3_vnni
 
 #if EMULATE_X86
 
