@@ -54,6 +54,14 @@ static void tell_ports(json *report)
         json_close(report, '}');
     }
     json_close(report, ']');
+    report_line("Kernels:\n");
+    json_open(report, "kernels", '{');
+    for (unsigned i = 0; lull_kernel_name(i); i++) {
+        const char *port = lull_port_name(lull_kernel_port(i, allowed_ports()));
+        report_line("  %-12s %s\n", lull_kernel_name(i), port);
+        json_text(report, lull_kernel_name(i), port);
+    }
+    json_close(report, '}');
 }
 
 /* ---- Weights --------------------------------------------------------------------------------- */

@@ -11,6 +11,12 @@ static void (*const port_fillers[])(lull_kernels *) = {
 #include "ports.def"
 };
 
+static const char *const slot_names[] = {
+#define KERNEL(name, parameters, tolerance, purpose) #name,
+#include "kernels.def"
+};
+
+#define SLOT_COUNT (sizeof slot_names / sizeof slot_names[0])
 #define PORT_COUNT (sizeof port_names / sizeof port_names[0])
 
 uint32_t lull_ports_available(void) { return lull_cpu_ports(); }
@@ -42,7 +48,12 @@ void lull_kernels_fill(lull_kernels *kernels, uint32_t ports)
             port_fillers[i](kernels);
 }
 
-unsigned lull_kernels_port(uint32_t ports, unsigned slot)
+const char *lull_kernel_name(unsigned index)
+{
+    return index < SLOT_COUNT ? slot_names[index] : NULL;
+}
+
+unsigned lull_kernel_port(unsigned index, uint32_t ports)
 {
     lull_kernels strongest, upto;
     unsigned i = 0;
@@ -51,7 +62,7 @@ unsigned lull_kernels_port(uint32_t ports, unsigned slot)
         unsigned n = 0, same = 0;
         lull_kernels_fill(&upto, ports & ((2u << i) - 1));
 #define KERNEL(name, parameters, tolerance, purpose) \
-    same |= n++ == slot && upto.name == strongest.name;
+    same |= n++ == index && upto.name == strongest.name;
 #include "kernels.def"
         if (same)
             return i;

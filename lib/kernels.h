@@ -98,9 +98,6 @@ typedef struct lull_kernels {
 /* Fills *kernels with the strongest implementation of each slot among the ports in `ports`. */
 void lull_kernels_fill(lull_kernels *kernels, uint32_t ports);
 
-/* Port (bit number) that filled slot `slot` (order of kernels.def) under this mask. */
-unsigned lull_kernels_port(uint32_t ports, unsigned slot);
-
 /* Each port's own filler overwrites the slots it has; declared here for every row of ports.def. */
 #define PORT(name) void lull_port_##name(lull_kernels *kernels);
 #include "ports.def"

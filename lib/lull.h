@@ -79,6 +79,11 @@ const char *lull_port_name(unsigned index);
  * strength; 0 if there is none of that name. `name` need not be NUL-terminated. */
 uint32_t lull_ports_up_to(const char *name, size_t length);
 
+/* Name of kernel number `index` ("conv_int", ...), or NULL past the last one; and the bit number of
+ * the port that fills it where `ports` are allowed. */
+const char *lull_kernel_name(unsigned index);
+unsigned lull_kernel_port(unsigned index, uint32_t ports);
+
 /* ---- Models -------------------------------------------------------------------------------------
  */
 

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
+from export import golden_int
+from export.quantize import integer_tensors, write_integer
 from tests.apps import tools as t
 
 
@@ -20,8 +24,30 @@ def test_ports_are_pinned_by_the_environment(info, monkeypatch):
     monkeypatch.setenv("LULL_PORTS", "scalar")
     ports = info("--json").json["ports"]
     assert [p["name"] for p in ports if p["allowed"]] == ["scalar"]
+    assert set(info("--json").json["kernels"].values()) == {"scalar"}
     monkeypatch.delenv("LULL_PORTS")
     assert all(p["allowed"] for p in info("--json").json["ports"])
+
+
+def test_kernels_are_filled_by_the_strongest_port(info):
+    report = info("--json").json
+    runs = [p["name"] for p in report["ports"] if p["available"]]
+    assert report["kernels"]["conv_int"] == runs[-1]
+    rows = (golden_int.ROOT / "lib" / "kernels.def").read_text()
+    assert list(report["kernels"]) == re.findall(r"^KERNEL\((\w+)", rows, re.MULTILINE)
+
+
+def test_memory_of_a_base_network(info, work):
+    """int8, 1920 wide: at most 40 MB, 8 MB are enough to run in, and height changes neither."""
+    widths = (32, 32, 48, 64, 80, 96, 96, 112, 112, 96, 96, 64, 64, 64, 32)
+    case = golden_int.Case("base", "unet", 16, 16, 9, widths, 7, wide=("dec_conv1a",))
+    model = golden_int.random_model(case, golden_int.random_input(case))
+    write_integer(work / "base.tza", integer_tensors(model))
+    low, high = (info("base.tza", "--json", "-s", 1920, h).json["files"][0] for h in (1080, 8640))
+    assert low["integer"] and low["macs_per_pixel"] == 125406
+    assert low["plan_bytes"] <= 40e6 and low["plan_minimum_bytes"] <= 8e6
+    for name in ("plan_bytes", "plan_minimum_bytes"):
+        assert high[name] <= low[name] + 8192, name  # auto-exposure keeps one number a bin row
 
 
 def test_weights(info, identity):

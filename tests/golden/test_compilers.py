@@ -1,0 +1,31 @@
+"""Every compiler at every level of optimisation makes the bytes that tests/golden/test_schedules.c has
+written down, on every port."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent.parent
+
+
+@pytest.mark.parametrize("level", ["-O0", "-O1", "-O2", "-O3"])
+@pytest.mark.parametrize("compiler", ["gcc", "clang"])
+def test_same_bytes(compiler: str, level: str, tmp_path: Path):
+    if not shutil.which(compiler):
+        pytest.skip(f"optional: {compiler} is not installed")
+    core, program = tmp_path / "lib" / "liblull.a", tmp_path / "test_schedules"
+    # Not the settings of the make that may have called this test.
+    env = {k: v for k, v in os.environ.items() if k not in ("MAKEFLAGS", "MFLAGS", "CFLAGS")}
+    subprocess.run(["make", "-s", f"-j{os.cpu_count()}", f"CC={compiler}", f"OPT={level}",
+                    f"BUILD={tmp_path}", "SAN=", core],
+                   cwd=ROOT, env=env, check=True, stdout=subprocess.DEVNULL)
+    subprocess.run([compiler, "-std=c99", level, "-ffp-contract=off", "-Ilib",
+                    "tests/golden/test_schedules.c", core, "-lm", "-o", program],
+                   cwd=ROOT, check=True)
+    done = subprocess.run([program], cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout
