@@ -1,5 +1,5 @@
-"""Every compiler at every level of optimisation makes the bytes that tests/golden/test_schedules.c has
-written down, on every port."""
+"""Every compiler at every level of optimisation makes the bytes that test_schedules.c has written
+down, on every port."""
 
 from __future__ import annotations
 
