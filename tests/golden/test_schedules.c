@@ -1,5 +1,6 @@
 /* An integer network makes the same bytes on every port, with any number of workers, strip width
- * and memory limit: one fingerprint, written down here, for every compiler, optimisation and CPU. */
+ * and memory limit: one fingerprint, written down here, for every compiler, optimisation and CPU.
+ */
 #define _POSIX_C_SOURCE 200809L
 #include <math.h>
 #include <stdlib.h>
