@@ -54,8 +54,8 @@ def test_fused_split_equals_the_plain_one_and_its_gradient(monkeypatch):
     if kernel_filter.fused_module() is None:
         pytest.skip("optional: no C++ compiler for the fused operation")
     torch.manual_seed(0)
-    q = torch.randn(2, 7, 5, 6) * 12 + 8
-    weights = [torch.randn(2, n, 5, 6) for n in (4, 1, 2)]
+    q = torch.randn(2, 7, 5, 40) * 12 + 8
+    weights = [torch.randn(2, n, 5, 40) for n in (4, 1, 2)]
     results = []
     for fused in (True, False):
         if not fused:

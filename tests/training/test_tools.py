@@ -336,7 +336,12 @@ def test_errors_are_one_line_on_stderr_and_a_code(work, script, capfd):
         assert err.count("\n") == 1 and err.startswith("Error: ")
 
 
-def test_help_of_a_file_run_from_elsewhere(script, work):
+@pytest.mark.parametrize("name, option", [
+    ("preprocess", "--shard"), ("train", "--time_budget"), ("infer", "--save_all"),
+    ("export", "--int8"), ("find_lr", "--num_steps"), ("visualize", "--port"),
+    ("split_exr", "--layer"), ("convert_image", "--exposure"), ("compare_image", "--metric")])
+def test_help_of_a_file_run_from_elsewhere(script, work, root, name, option):
+    assert os.access(root / "training" / f"{name}.py", os.X_OK)
     env = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
-    done = script("split_exr", "--help", env=env, timeout=300)
-    assert done.returncode == 0 and "--layer" in done.stdout and not done.stderr
+    done = script(name, "--help", env=env, timeout=300)
+    assert done.returncode == 0 and option in done.stdout and not done.stderr

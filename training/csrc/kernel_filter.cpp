@@ -9,6 +9,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 #include <vector>
 
 namespace {
@@ -91,32 +92,47 @@ void backward_image(const Shape &s, const T *l, const T *v, const T *g, T *gl, T
         }
 }
 
-// A head's q [N,C,H,W] in channels-last memory to code c = floor(clamp(q * step / 255) * 255 + 0.5),
-// of which channels first..first+count go, as c / step, to out [N,count,H,W].
+// Channels-last rows and planar ones meet in blocks of pixels small enough for the first-level cache:
+// arithmetic runs over whole blocks, and only the exchange of the two orders goes with a stride.
+constexpr int64_t kBlock = 32;
+
+// A head's q [N,C,H,W] in channels-last memory to codes floor(clamp(q * step, 0, 255) + 0.5) / step, of
+// which each part takes its channels; parts: row pointers and channel counts of planar tensors.
 template <typename Q>
-void split_row(const Q *q, float *out, int64_t w, int64_t c, int64_t first, int64_t count,
-               int64_t plane, float step) {
-    for (int64_t k = 0; k < count; k++) {
-        float *o = out + k * plane;
-        const Q *p = q + first + k;
-        for (int64_t x = 0; x < w; x++) {
-            const float v = std::min(std::max(float(p[x * c]) * step, 0.0f), 255.0f);
-            o[x] = std::floor(v + 0.5f) / step;
+void split_row(const Q *q, const std::vector<float *> &parts, const std::vector<int64_t> &counts,
+               int64_t w, int64_t c, int64_t plane, float step, float *block) {
+    for (int64_t x0 = 0; x0 < w; x0 += kBlock) {
+        const int64_t size = std::min(kBlock, w - x0);
+        for (int64_t i = 0; i < size * c; i++) {
+            const float v = std::min(std::max(float(q[x0 * c + i]) * step, 0.0f), 255.0f);
+            block[i] = std::floor(v + 0.5f) / step;
         }
+        const float *from = block;
+        for (size_t part = 0; part < counts.size(); part++)
+            for (int64_t k = 0; k < counts[part]; k++, from++) {
+                float *to = parts[part] + k * plane + x0;
+                for (int64_t x = 0; x < size; x++)
+                    to[x] = from[x * c];
+            }
     }
 }
 
 // The gradient passes where the code was not clamped.
 template <typename Q>
-void join_row(const Q *q, const float *g, Q *gq, int64_t w, int64_t c, int64_t first, int64_t count,
-              int64_t plane, float step) {
-    for (int64_t k = 0; k < count; k++) {
-        const float *go = g + k * plane;
-        const Q *p = q + first + k;
-        Q *o = gq + first + k;
-        for (int64_t x = 0; x < w; x++) {
-            const float v = float(p[x * c]) * step;
-            o[x * c] = Q(v >= 0.0f && v <= 255.0f ? go[x] : 0.0f);
+void join_row(const Q *q, const std::vector<const float *> &grads, const std::vector<int64_t> &counts,
+              Q *gq, int64_t w, int64_t c, int64_t plane, float step, float *block) {
+    for (int64_t x0 = 0; x0 < w; x0 += kBlock) {
+        const int64_t size = std::min(kBlock, w - x0);
+        float *to = block;
+        for (size_t part = 0; part < counts.size(); part++)
+            for (int64_t k = 0; k < counts[part]; k++, to++) {
+                const float *from = grads[part] + k * plane + x0;
+                for (int64_t x = 0; x < size; x++)
+                    to[x * c] = from[x];
+            }
+        for (int64_t i = 0; i < size * c; i++) {
+            const float v = float(q[x0 * c + i]) * step;
+            gq[x0 * c + i] = Q(v >= 0.0f && v <= 255.0f ? block[i] : 0.0f);
         }
     }
 }
@@ -154,18 +170,20 @@ std::vector<torch::Tensor> backward(torch::Tensor l, torch::Tensor v, torch::Ten
 std::vector<torch::Tensor> split(torch::Tensor q, std::vector<int64_t> counts, double step) {
     TORCH_CHECK(q.dim() == 4 && q.is_contiguous(at::MemoryFormat::ChannelsLast), "q is channels-last");
     const int64_t n = q.size(0), c = q.size(1), h = q.size(2), w = q.size(3);
+    TORCH_CHECK(std::accumulate(counts.begin(), counts.end(), int64_t(0)) == c, "counts add up to C");
     std::vector<torch::Tensor> parts;
     for (int64_t count : counts)
         parts.push_back(torch::empty({n, count, h, w}, q.options().dtype(torch::kFloat)));
     AT_DISPATCH_FLOATING_TYPES_AND(at::kBFloat16, q.scalar_type(), "split_head", [&] {
         const scalar_t *in = q.data_ptr<scalar_t>();
         at::parallel_for(0, n * h, 8, [&](int64_t begin, int64_t end) {
-            for (int64_t row = begin; row < end; row++)
-                for (size_t i = 0, first = 0; i < counts.size(); first += counts[i++])
-                    split_row(in + row * w * c,
-                              parts[i].data_ptr<float>() +
-                                  (row / h * counts[i] * h + row % h) * w,
-                              w, c, first, counts[i], h * w, float(step));
+            std::vector<float> block(kBlock * c);
+            std::vector<float *> rows(counts.size());
+            for (int64_t row = begin; row < end; row++) {
+                for (size_t i = 0; i < counts.size(); i++)
+                    rows[i] = parts[i].data_ptr<float>() + (row / h * counts[i] * h + row % h) * w;
+                split_row(in + row * w * c, rows, counts, w, c, h * w, float(step), block.data());
+            }
         });
     });
     return parts;
@@ -174,21 +192,22 @@ std::vector<torch::Tensor> split(torch::Tensor q, std::vector<int64_t> counts, d
 torch::Tensor join(torch::Tensor q, std::vector<torch::Tensor> grads, double step) {
     const int64_t n = q.size(0), c = q.size(1), h = q.size(2), w = q.size(3);
     torch::Tensor gq = torch::empty_like(q);
-    for (torch::Tensor &g : grads)
+    std::vector<int64_t> counts;
+    for (torch::Tensor &g : grads) {
         g = g.contiguous();
+        counts.push_back(g.size(1));
+    }
     AT_DISPATCH_FLOATING_TYPES_AND(at::kBFloat16, q.scalar_type(), "join_head", [&] {
         const scalar_t *in = q.data_ptr<scalar_t>();
         scalar_t *out = gq.data_ptr<scalar_t>();
         at::parallel_for(0, n * h, 8, [&](int64_t begin, int64_t end) {
+            std::vector<float> block(kBlock * c);
+            std::vector<const float *> rows(grads.size());
             for (int64_t row = begin; row < end; row++) {
-                int64_t first = 0;
-                for (const torch::Tensor &g : grads) {
-                    const int64_t count = g.size(1);
-                    join_row(in + row * w * c,
-                             g.data_ptr<float>() + (row / h * count * h + row % h) * w,
-                             out + row * w * c, w, c, first, count, h * w, float(step));
-                    first += count;
-                }
+                for (size_t i = 0; i < grads.size(); i++)
+                    rows[i] = grads[i].data_ptr<float>() + (row / h * counts[i] * h + row % h) * w;
+                join_row(in + row * w * c, rows, counts, out + row * w * c, w, c, h * w, float(step),
+                         block.data());
             }
         });
     });
