@@ -89,6 +89,7 @@ static void conv_row(const lull_plan *plan, unsigned l, uint8_t *out, unsigned x
         (const int32_t *)(const void *)((const uint8_t *)plan->model + packed->multiplier);
     conv.wide_shift = packed->wide_shift;
     conv.out_max = is_wide ? 32767 : 255;
+    conv.is_small = packed->is_small;
     conv.least = 0.0f;
     conv.outputs = layer->outputs;
     conv.out_step = (size_t)phases * layer->outputs;

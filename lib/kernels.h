@@ -45,6 +45,8 @@ typedef struct lull_conv {
     const int32_t *multiplier; /* integer only, like the next three */
     unsigned wide, wide_shift;
     int32_t out_max;
+    int is_small; /* integer only: no |a| is above 2^24, and no multiplier has more than 24
+                   * significant bits (ports may take it or leave it) */
     float least; /* fp32 only: 0, or -LULL_FLT_MAX for the sums as they are */
     unsigned outputs, pixels, segments;
     lull_segment segment[LULL_MAX_SEGMENTS];

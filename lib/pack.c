@@ -130,9 +130,10 @@ static int64_t tap_sum(const block *b, unsigned o)
     return sum;
 }
 
-/* 1 if no sum of output o in phase `phase` can leave int32. */
-static int sums_fit(const lull_graph *graph, unsigned l, const lull_layer_tensors *tensors,
-                    unsigned o, unsigned phase, unsigned shift)
+/* The largest sum that output o in phase `phase` can have; -1 if it can leave int32, or if the taps
+ * break a rule. */
+static int64_t largest_sum(const lull_graph *graph, unsigned l, const lull_layer_tensors *tensors,
+                           unsigned o, unsigned phase, unsigned shift)
 {
     const lull_layer *layer = &graph->layer[l];
     int64_t wide = 0, narrow = 0, bias = (int64_t)lull_tza_int(&tensors->bias, o);
@@ -144,18 +145,20 @@ static int sums_fit(const lull_graph *graph, unsigned l, const lull_layer_tensor
             continue;
         sum = tap_sum(&b, o);
         if (sum < 0)
-            return 0;
+            return -1;
         *(b.dtype == LULL_DTYPE_U15 ? &wide : &narrow) += sum;
     }
     wide = wide * 32767 + (1 << shift >> 1);
     narrow = (wide >> shift) + (bias < 0 ? -bias : bias) + narrow * 255;
-    return wide <= INT32_MAX && narrow <= INT32_MAX;
+    return wide <= INT32_MAX && narrow <= INT32_MAX ? narrow : -1;
 }
 
-/* Checks one layer of an integer model. */
-static lull_status check_integer(const lull_graph *graph, unsigned l, const lull_tza *tza)
+/* Checks one layer of an integer model. Multipliers come from floats: they have 24 bits. */
+static lull_status check_integer(lull_packed_layer *packed, const lull_graph *graph, unsigned l,
+                                 const lull_tza *tza)
 {
     const lull_layer *layer = &graph->layer[l];
+    int64_t most = 0;
     lull_layer_tensors tensors;
     int32_t shift;
     if (!lull_layer_is_conv(layer))
@@ -168,10 +171,14 @@ static lull_status check_integer(const lull_graph *graph, unsigned l, const lull
         float scale = lull_tza_float(&tensors.scale, o);
         if (!(scale >= 0.0f && scale < 0.5f))
             return LULL_ERROR_NETWORK;
-        for (unsigned phase = 0; phase < (lull_layer_is_up(layer) ? 4u : 1u); phase++)
-            if (!sums_fit(graph, l, &tensors, o, phase, (unsigned)shift))
+        for (unsigned phase = 0; phase < (lull_layer_is_up(layer) ? 4u : 1u); phase++) {
+            int64_t sum = largest_sum(graph, l, &tensors, o, phase, (unsigned)shift);
+            if (sum < 0)
                 return LULL_ERROR_NETWORK;
+            most = sum > most ? sum : most;
+        }
     }
+    packed->is_small = most <= 1 << 24;
     return LULL_OK;
 }
 
@@ -364,7 +371,7 @@ lull_status lull_model_init(lull_model **model, void *memory, size_t memory_byte
         total = layout(&made->layer[l], &made->graph, l,
                        lanes_of(&made->graph, &made->kernels, l), total);
         if (made->graph.is_integer)
-            status = check_integer(&made->graph, l, &tza);
+            status = check_integer(&made->layer[l], &made->graph, l, &tza);
         if (status == LULL_OK)
             pack_layer(made, l, &tza);
     }

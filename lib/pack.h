@@ -16,6 +16,7 @@ typedef struct lull_packed_layer {
     size_t zeros, point_bytes;        /* Winograd's form: as many zeros as bias; bytes of an input
                                          channel's weights at a point */
     unsigned wide_shift;
+    int is_small; /* sums are: lull_conv */
 } lull_packed_layer;
 
 struct lull_model {

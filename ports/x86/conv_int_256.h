@@ -36,9 +36,10 @@ typedef struct finish {
     uint8_t spare[384];
 } finish;
 
-LULL_INLINE void finish_init(finish *f, const tile_row *row, unsigned vectors)
+LULL_INLINE void finish_init(finish *f, const tile_row *row, unsigned vectors, int is_small)
 {
     const int32_t *m = row->conv->multiplier + row->first;
+    (void)is_small;
     f->even0 = _mm256_slli_epi32(load(m), 1);
     f->odd0 = _mm256_srli_epi64(f->even0, 32);
     f->even1 = _mm256_slli_epi32(load(vectors > 1 ? m + LANES : m), 1);
@@ -142,6 +143,7 @@ LULL_INLINE void finish_1(const finish *f, int is_narrow, unsigned i, unsigned j
     }
 }
 
+#define IS_SMALL 0
 #define TILE tile_2
 #define VECTORS 2
 #define PIXELS TILE_2

@@ -1,5 +1,6 @@
 /* Integer convolution with vectors of 16 outputs, for AVX-512 and its extensions. The including
- * file defines DOT_NARROW and DOT_WIDE (see conv_int_tile.h) and CONV (the function's name). */
+ * file defines DOT_NARROW and DOT_WIDE (see conv_int_tile.h), SLIDE_VECTORS (tiles of up to so many
+ * vectors read columns once) and CONV (the function's name). */
 #include "intrinsics.h"
 #include "kernels.h"
 #include "tiles.h"
@@ -26,7 +27,8 @@ LULL_INLINE vec shift(vec a, unsigned n) { return _mm512_sra_epi32(a, _mm_cvtsi3
 
 /* Where and how the pixels of a tile are stored. */
 typedef struct finish {
-    vec even[4], odd[4]; /* twice the multipliers, those of odd lanes in even ones */
+    vec even[4], odd[4]; /* twice the multipliers, those of odd lanes in even ones; small sums:
+                          * `even` are the multipliers times 2^-31 as floats */
     uint8_t *to;
     size_t step; /* bytes */
     int32_t max;
@@ -41,10 +43,36 @@ LULL_INLINE uint64_t first_lanes(unsigned n, unsigned lanes)
     return n >= lanes ? ~(uint64_t)0 >> (64 - lanes) : ((uint64_t)1 << n) - 1;
 }
 
-LULL_INLINE void finish_init(finish *f, const tile_row *row, unsigned vectors)
+/* Sums that a float holds, by multipliers that a float holds: the product with 0.5 added, rounded
+ * down once, is cut to the same integer as the definition's. The emulation cannot round down. */
+#if LULL_EMULATE
+#define SMALL_SUMS 0
+LULL_INLINE vec small_scale(vec multiplier) { return multiplier; }
+LULL_INLINE vec requantise_small(vec a, vec scale) { return (void)scale, a; }
+#else
+#define SMALL_SUMS 1
+LULL_INLINE vec small_scale(vec multiplier)
+{
+    return _mm512_castps_si512(
+        _mm512_mul_ps(_mm512_cvtepi32_ps(multiplier), _mm512_set1_ps(1.0f / 2147483648.0f)));
+}
+LULL_INLINE vec requantise_small(vec a, vec scale)
+{
+    return _mm512_cvttps_epi32(_mm512_fmadd_round_ps(
+        _mm512_cvtepi32_ps(a), _mm512_castsi512_ps(scale), _mm512_set1_ps(0.5f),
+        _MM_FROUND_TO_NEG_INF | _MM_FROUND_NO_EXC));
+}
+#endif
+
+LULL_INLINE void finish_init(finish *f, const tile_row *row, unsigned vectors, int is_small)
 {
     for (unsigned i = 0; i < vectors; i++) {
-        f->even[i] = _mm512_slli_epi32(load(row->conv->multiplier + row->first + i * LANES), 1);
+        vec multiplier = load(row->conv->multiplier + row->first + i * LANES);
+        if (is_small) {
+            f->even[i] = small_scale(multiplier);
+            continue;
+        }
+        f->even[i] = _mm512_slli_epi32(multiplier, 1);
         f->odd[i] = _mm512_srli_epi64(f->even[i], 32);
     }
     f->max = row->conv->out_max;
@@ -66,11 +94,14 @@ LULL_INLINE void finish_end(const finish *f, const tile_row *row, unsigned p, un
 }
 
 /* (a * M + 2^30) >> 31 as the high half of a * 2M + 2^31, which always fits. */
-LULL_INLINE vec requantise(const finish *f, vec a, unsigned vector)
+LULL_INLINE vec requantise(const finish *f, vec a, unsigned vector, int is_small)
 {
     const vec half = _mm512_set1_epi64((long long)1 << 31);
-    vec q0 = _mm512_add_epi64(_mm512_mul_epi32(a, f->even[vector]), half);
-    vec q1 = _mm512_mul_epi32(_mm512_srli_epi64(a, 32), f->odd[vector]);
+    vec q0, q1;
+    if (is_small)
+        return requantise_small(a, f->even[vector]);
+    q0 = _mm512_add_epi64(_mm512_mul_epi32(a, f->even[vector]), half);
+    q1 = _mm512_mul_epi32(_mm512_srli_epi64(a, 32), f->odd[vector]);
     q1 = _mm512_add_epi64(q1, half);
     return _mm512_mask_shuffle_epi32(q1, 0x5555, q0, _MM_PERM_DDBB);
 }
@@ -100,7 +131,7 @@ LULL_INLINE void store_wide(const finish *f, unsigned i, vec a, vec b, vec c, ve
     _mm512_mask_storeu_epi16(to + 64, f->wide1, _mm512_permutexvar_epi64(order, q));
 }
 
-#define Q(v, n) requantise(f, v, n)
+#define Q(v, n) requantise(f, v, n, is_narrow == SMALL)
 
 LULL_INLINE void finish_4(const finish *f, int is_narrow, unsigned i, unsigned j, vec ai, vec bi,
                           vec ci, vec di, vec aj, vec bj, vec cj, vec dj)
@@ -184,6 +215,7 @@ LULL_INLINE void finish_1(const finish *f, int is_narrow, unsigned i, unsigned j
 }
 
 #define FINISH_FOUR
+#define IS_SMALL 0
 #define TILE tile_4
 #define VECTORS 4
 #define PIXELS 6
@@ -212,4 +244,40 @@ LULL_INLINE void finish_1(const finish *f, int is_narrow, unsigned i, unsigned j
 static const tile_shape shapes[] = {
     {tile_4, 4, 6}, {tile_3, 3, 8}, {tile_2, 2, 12}, {tile_1, 1, 12}, {pixel_1, 1, 1}};
 
-void CONV(const lull_conv *conv) { run_tiles(conv, shapes, LANES, 1); }
+#if SMALL_SUMS
+#undef IS_SMALL
+#define IS_SMALL 1
+#define TILE small_4
+#define VECTORS 4
+#define PIXELS 6
+#include "conv_int_tile.h"
+
+#define TILE small_3
+#define VECTORS 3
+#define PIXELS 8
+#include "conv_int_tile.h"
+
+#define TILE small_2
+#define VECTORS 2
+#define PIXELS 12
+#include "conv_int_tile.h"
+
+#define TILE small_1
+#define VECTORS 1
+#define PIXELS 12
+#include "conv_int_tile.h"
+
+static const tile_shape small_shapes[] = {
+    {small_4, 4, 6}, {small_3, 3, 8}, {small_2, 2, 12}, {small_1, 1, 12}, {pixel_1, 1, 1}};
+#endif
+
+void CONV(const lull_conv *conv)
+{
+#if SMALL_SUMS
+    if (conv->is_small && conv->out_max <= 255) {
+        run_tiles(conv, small_shapes, LANES, 1);
+        return;
+    }
+#endif
+    run_tiles(conv, shapes, LANES, 1);
+}

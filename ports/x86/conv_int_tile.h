@@ -7,12 +7,15 @@
  *   splat_int(i), shift(a, n)            arithmetic shift to the right
  *   DOT_NARROW(sum, x, w)                sum += 4 products of u8 x and s8 w in every lane
  *   DOT_WIDE(sum, x, w)                  sum += 2 products of s16 x and s16 w in every lane
- *   finish, finish_init(&f, row, VECTORS) constants of the requantisation
+ *   finish, finish_init(&f, row, VECTORS, IS_SMALL)
+ *                                        constants of the requantisation
  *   finish_tile(&f, row, p)              before the sums of the tile from pixel p on are stored
  *   finish_<VECTORS>(&f, is_narrow, i, j, ...)
  *                                        requantises and stores pixels i and j = i + 1 of the tile:
  *                                        the sums of i, then those of j; i = j: one pixel.
- *                                        is_narrow: outputs are bytes, else words
+ *                                        is_narrow: outputs are bytes, else words; SMALL if they
+ *                                        are bytes and the tile is for small sums (lull_conv)
+ *   IS_SMALL                             1: it is
  *   FINISH_FOUR, finish_four(&f, is_narrow, i, ...)
  *                                        optional: four pixels of one vector
  *   finish_end(&f, row, p, PIXELS)       after the tile
@@ -48,6 +51,7 @@
                                    a##j B(, b##j) C(, c##j) D(, d##j));
 #define STORE_NARROW(i, j) STORE(1, i, j)
 #define STORE_WIDE(i, j) STORE(0, i, j)
+#define STORE_SMALL(i, j) STORE(SMALL, i, j)
 #if defined(FINISH_FOUR) && VECTORS == 1 && PIXELS == 12
 #define STORE_ALL(is_narrow, LIST)             \
     finish_four(&f, is_narrow, 0, a0, a1, a2, a3); \
@@ -70,6 +74,69 @@
         }                                                                            \
     }
 
+#if IS_SMALL && VECTORS <= SLIDE_VECTORS && PIXELS == 12
+#define SLIDES(segment) (segment)->taps
+/* Pixels that follow each other share columns: each column is read once, for all its taps. The
+ * weights of the taps are `third` bytes (or, with two taps, as many) apart. */
+#define FIRST(i)                \
+    DOT_NARROW(a##i, value, v0); \
+    B(DOT_NARROW(b##i, value, v1);)
+#define SECOND(i)               \
+    DOT_NARROW(a##i, value, w0); \
+    B(DOT_NARROW(b##i, value, w1);)
+#define THIRD(i)                \
+    DOT_NARROW(a##i, value, u0); \
+    B(DOT_NARROW(b##i, value, u1);)
+#define NO_TAP(i)
+#define COLUMN(base, offset, ...) \
+    value = splat((base) + (offset)); \
+    __VA_ARGS__
+#define COLUMNS(LAST)                                         \
+    COLUMN(x, 0, FIRST(0))                                    \
+    COLUMN(x, step, FIRST(1) SECOND(0))                       \
+    COLUMN(x, 2 * step, FIRST(2) SECOND(1) LAST(0))           \
+    COLUMN(y, 0, FIRST(3) SECOND(2) LAST(1))                  \
+    COLUMN(y, step, FIRST(4) SECOND(3) LAST(2))               \
+    COLUMN(y, 2 * step, FIRST(5) SECOND(4) LAST(3))           \
+    COLUMN(z, 0, FIRST(6) SECOND(5) LAST(4))                  \
+    COLUMN(z, step, FIRST(7) SECOND(6) LAST(5))               \
+    COLUMN(z, 2 * step, FIRST(8) SECOND(7) LAST(6))           \
+    COLUMN(t, 0, FIRST(9) SECOND(8) LAST(7))                  \
+    COLUMN(t, step, FIRST(10) SECOND(9) LAST(8))              \
+    COLUMN(t, 2 * step, FIRST(11) SECOND(10) LAST(9))         \
+    COLUMN(q, 0, SECOND(11) LAST(10))
+#define SLIDE_NEXT                                         \
+    k--, x += 4, y += 4, z += 4, t += 4, q += 4, w += 4 * LANES, B(w2 += 4 * LANES, )(void)0
+#define SLIDE_SEGMENT                                                              \
+    {                                                                              \
+        size_t step = part->step;                                                  \
+        unsigned k = part->length / part->taps;                                    \
+        size_t third = (size_t)k * 4 * LANES;                                      \
+        const uint8_t *w = part->w B(, *w2 = w + part->block);                     \
+        const uint8_t *x = part->x + p * step, *y = x + 3 * step, *z = y + 3 * step; \
+        const uint8_t *t = z + 3 * step, *q = t + 3 * step;                        \
+        if (part->taps == 3)                                                       \
+            for (; k; SLIDE_NEXT) {                                                \
+                vec v0 = load(w) B(, v1 = load(w2));                               \
+                vec w0 = load(w + third) B(, w1 = load(w2 + third));               \
+                vec u0 = load(w + 2 * third) B(, u1 = load(w2 + 2 * third)), value; \
+                COLUMNS(THIRD)                                                     \
+                COLUMN(q, step, THIRD(11))                                         \
+            }                                                                      \
+        else                                                                       \
+            for (; k; SLIDE_NEXT) {                                                \
+                vec v0 = load(w) B(, v1 = load(w2));                               \
+                vec w0 = load(w + third) B(, w1 = load(w2 + third)), value;        \
+                COLUMNS(NO_TAP)                                                    \
+            }                                                                      \
+    }
+#else
+#define SLIDES(segment) 0
+#define SLIDE_SEGMENT \
+    {                 \
+    }
+#endif
+
 static void TILE(const tile_row *row)
 {
     static const int32_t zeros[4 * LANES] = {0};
@@ -79,7 +146,7 @@ static void TILE(const tile_row *row)
     unsigned count = conv->wide ? conv->wide_shift : 0; /* 0: the bias may come first */
     const int32_t *start = count ? zeros : bias;
     finish f;
-    finish_init(&f, row, VECTORS);
+    finish_init(&f, row, VECTORS, IS_SMALL);
     FOR_TILES(p, conv, PIXELS)
     {
         const struct tile_part *part = row->part;
@@ -91,10 +158,16 @@ static void TILE(const tile_row *row)
             vec half = splat_int(1 << count >> 1);
             FOR_PIXELS(SHIFT)
         }
-        for (; part < end; part++)
-            SEGMENT(NARROW)
+        for (; part < end; part++) {
+            if (SLIDES(part))
+                SLIDE_SEGMENT
+            else
+                SEGMENT(NARROW)
+        }
         finish_tile(&f, row, p);
-        if (f.size == 1) {
+        if (IS_SMALL) {
+            STORE_ALL(SMALL, STORE_SMALL)
+        } else if (f.size == 1) {
             STORE_ALL(1, STORE_NARROW)
         } else {
             STORE_ALL(0, STORE_WIDE)
@@ -111,6 +184,16 @@ static void TILE(const tile_row *row)
 #undef STORE
 #undef STORE_NARROW
 #undef STORE_WIDE
+#undef STORE_SMALL
 #undef STORE_ALL
 #undef SEGMENT
+#undef SLIDES
+#undef SLIDE_SEGMENT
+#undef SLIDE_NEXT
+#undef FIRST
+#undef SECOND
+#undef THIRD
+#undef NO_TAP
+#undef COLUMN
+#undef COLUMNS
 #include "vectors_end.h"

@@ -4,6 +4,8 @@
 
 #include "kernels.h"
 
+#define SMALL 2 /* conv_int_tile.h */
+
 /* What a function for rows of tiles is given: n outputs from `first` on of all pixels. */
 typedef struct tile_row {
     const lull_conv *conv;
@@ -12,6 +14,7 @@ typedef struct tile_row {
         const uint8_t *x, *w; /* the run of pixel 0, the weights of the first vector */
         size_t step, block;   /* bytes from pixel to pixel, and from vector to vector */
         unsigned length;
+        unsigned taps; /* narrow runs of 3 or 2 whole columns whose next pixel is one column on */
     } part[LULL_MAX_SEGMENTS];
 } tile_row;
 
@@ -45,6 +48,11 @@ LULL_INLINE void run_tiles(const lull_conv *conv, const tile_shape *shapes, unsi
             part->block = (size_t)4 * lanes * segment->length;
             part->w = (const uint8_t *)segment->weights + row.first / lanes * part->block;
             part->length = segment->length;
+            part->taps = 0;
+            if (is_integer && s >= conv->wide && part->step % 4 == 0)
+                part->taps = 3 * part->step == (size_t)4 * part->length   ? 3
+                             : 2 * part->step == (size_t)4 * part->length ? 2
+                                                                          : 0;
         }
         shape->run(&row);
         row.first += shape->vectors * lanes;

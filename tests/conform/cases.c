@@ -86,9 +86,11 @@ static void make_float_weights(const cases_conv *c, cases_pattern pattern, unsig
 
 /* Bias and multiplier of every output: sums stay in int32, results fall on both sides of the
  * clamp. */
-static void make_int_scales(const cases_conv *c, cases_pattern pattern)
+static void make_int_scales(cases_conv *c, cases_pattern pattern)
 {
-    const lull_conv *conv = &c->conv;
+    lull_conv *conv = &c->conv;
+    int may_be_small = guard_below(4) != 0;
+    conv->is_small = may_be_small;
     for (unsigned o = 0; o < conv->outputs; o++) {
         double wide = 0, narrow = 0, room;
         for (unsigned s = 0; s < conv->segments; s++)
@@ -101,6 +103,12 @@ static void make_int_scales(const cases_conv *c, cases_pattern pattern)
         multiplier[o] = pattern == CASES_RANDOM || pattern == CASES_PAIRS
                             ? guard_between(0, (1 << (10 + guard_below(21))) - 1)
                             : pick(pattern, o, 0, (1 << 30) - 1);
+        if (may_be_small) /* 24 bits; often a power of two or so, for results with halves */
+            multiplier[o] = guard_below(2)              ? multiplier[o] & ~0xffff
+                            : multiplier[o] >= 1 << 24 ? multiplier[o] & ~0x3f
+                                                       : multiplier[o];
+        if (wide + fabs((double)int_bias[o]) + narrow * 255 > 1 << 24)
+            conv->is_small = 0;
     }
 }
 
@@ -131,6 +139,12 @@ static void make_segment(cases_conv *c, cases_pattern pattern, unsigned s)
     segment->length = 1 + guard_below(guard_below(4) ? 12 : 40);
     segment->step = 1 + guard_below(2 * group * segment->length);
     c->elements[s] = group * segment->length - guard_below(group);
+    if (guard_below(2)) { /* what layers look like: 1 to 3 columns, the next pixel one on */
+        unsigned columns = 1 + guard_below(3), channels = group * (1 + guard_below(12));
+        segment->length = columns * channels / group;
+        segment->step = channels;
+        c->elements[s] = columns * channels;
+    }
     span = (size_t)(c->conv.pixels - 1) * segment->step + (size_t)group * segment->length;
     row = guard_place(GUARD_ROW + s, span * bytes, c->at_end);
     fill_row(c, pattern, s, row, span);
