@@ -201,7 +201,7 @@ def main() -> int:
     parser.add_argument("--only", default="", help="suites (folders of tests/), comma separated")
     parser.add_argument("--kinds", default="program,script,pytest", help="kinds of tests to run")
     parser.add_argument("-k", dest="word", default="", help="only what has this word in its name")
-    parser.add_argument("--limit", type=float, default=900, help="seconds for one program")
+    parser.add_argument("--limit", type=float, default=2400, help="seconds for one program")
     parser.add_argument("--list", action="store_true", help="name the programs and stop")
     args = parser.parse_args()
 
