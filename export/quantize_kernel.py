@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from export import kernel, pixels
-from export.quantizer import Options, Quantizer
+from export.quantizer import SCALE_MAX, Options, Quantizer
 from export.reference import NARROW_MAX
 from export.tza import Reader, Writer
 
@@ -37,6 +37,9 @@ class KernelQuantizer(Quantizer):
     def _fit_output(self, layer, unit) -> None:
         if layer.name not in self.net.heads:
             super()._fit_output(layer, unit)
+        elif unit.max() > SCALE_MAX * kernel.HEAD_STEP:
+            raise ValueError(f"{layer.name}: the logits are too large to be quantised; the network "
+                             "has not learnt to use this level")
 
     def run(self) -> kernel.IntTrunk:
         names = [("input", kernel.INPUTS)] + [
@@ -126,11 +129,10 @@ def main(argv: list[str] | None = None) -> int:
     try:
         tensors = read_tensors(args.input)
         model = kernel.FloatTrunk(kernel.find_trunk(tensors, str(args.input)), tensors)
-        inputs = calibration_set(args.data, args.count)
+        made = KernelQuantizer(model, calibration_set(args.data, args.count), Options()).run()
     except (ValueError, OSError) as e:
         print(f"quantize_kernel: {e}", file=sys.stderr)
         return 2
-    made = KernelQuantizer(model, inputs, Options()).run()
     temporary = args.output.with_name(f".{args.output.name}.{os.getpid()}.tmp")
     with Writer(temporary) as w:
         for name, array in tensors_of(made).items():

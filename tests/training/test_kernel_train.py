@@ -247,6 +247,12 @@ def test_weights_of_elsewhere(raw, work, capsys):
     assert Path("again.tza").read_bytes() == Path("k.tza").read_bytes()
     Path("bad.pt").write_bytes(b"x")
     assert quantize_kernel.main(["bad.pt", "x.tza", "--data", str(raw / "train")]) == 2
+    wild = {k: v * (1e4 if k in ("enc4b.weight", "head4.weight") else 1)
+            for k, v in net.state_dict().items()}
+    torch.save(wild, "wild.pt")
+    assert quantize_kernel.main(["wild.pt", "x.tza", "--data", str(raw / "train")]) == 2
+    assert "head4: the logits are too large" in capsys.readouterr().err
+    assert not Path("x.tza").exists()  # it was written, and the library refused it
     evaluate.main(["k.tza=hdr,alb", "--images", str(raw / "valid"), "--no_oidn", "--metric",
                    "psnr"])
     assert "4 of 4 pictures are better than their input in PSNR" in capsys.readouterr().out
