@@ -95,7 +95,7 @@ static void tell_model(const settings *s, const char *path, const lull_model *mo
     size_t plan, least;
     lull_model_get_info(model, &info);
     frame = lull_frame_default((unsigned)s->width, (unsigned)s->height, LULL_HDR,
-                               features[info.inputs / 3 <= 3 ? info.inputs / 3 : 0]);
+                               features[info.inputs / 3 <= 3 ? info.inputs / 3 : 3]);
     plan = lull_plan_size(&frame, model);
     least = lull_plan_minimum(&frame, model);
     report_line("%s: %s, %u inputs, %s\n", path, info.network, info.inputs,
