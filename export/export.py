@@ -15,7 +15,7 @@ from pathlib import Path
 import torch
 
 from export.onnx import write_onnx
-from export.tza import TzaError, Writer, write_weights
+from export.tza import TzaError, write_weights
 from training import errors
 from training.errors import STATE, USAGE, ToolError
 from training.imageio import replacing
@@ -60,13 +60,11 @@ def output_path(result: Result, settings: Settings, extension: str) -> Path:
 
 def export_integer(result: Result, settings: Settings) -> Path:
     """The integer model (docs/arithmetic.md, docs/kernel-prediction.md)."""
+    from export.quantize import write_tensors
     from training.integer_stage import integer_weights
     path = output_path(result, settings, ".int8.tza")
     try:
-        tensors = integer_weights(result, settings)
-        with replacing(path) as tmp, Writer(tmp) as w:
-            for name, tensor in tensors.items():
-                w.write(name, tensor)
+        write_tensors(path, integer_weights(result, settings))
     except ValueError as e:
         raise ToolError(f"{path}: {e}", STATE) from e
     return path

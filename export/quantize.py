@@ -57,13 +57,18 @@ def integer_tensors(model: IntModel) -> dict[str, np.ndarray]:
     return tensors
 
 
+def write_tensors(path: Path, tensors: dict[str, np.ndarray]) -> None:
+    """A weights file of the tensors as they are, written anew."""
+    with replacing(path) as tmp, Writer(tmp) as w:
+        for name, tensor in tensors.items():
+            w.write(name, tensor)
+
+
 def write_integer(path: Path, tensors: dict[str, np.ndarray]) -> None:
     """A model file, checked as a loader would before it gets its name."""
     find_net(tensors, str(path))
     int_model(tensors, str(path))
-    with replacing(path) as tmp, Writer(tmp) as w:
-        for name, tensor in tensors.items():
-            w.write(name, tensor)
+    write_tensors(path, tensors)
 
 
 def arguments() -> argparse.ArgumentParser:

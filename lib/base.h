@@ -93,6 +93,28 @@ LULL_INLINE float lull_float(uint32_t u)
     return f;
 }
 
+/* A logarithm in two parts, whole + part, with part in [-0.5, 0.5]. */
+typedef struct lull_logarithm {
+    float whole, part;
+} lull_logarithm;
+
+/* log2(x), x finite >= FLT_MIN. x = 2^whole * m with m in [sqrt(1/2), sqrt(2)); with s =
+ * (m-1)/(m+1), log2(m) = 2/ln(2) * atanh(s), an odd series. */
+LULL_INLINE lull_logarithm lull_log2_parts(float x)
+{
+    uint32_t bits = lull_bits(x);
+    int32_t exponent = (int32_t)(bits - 0x3f3504f3u) >> 23;
+    float m = lull_float(bits - ((uint32_t)exponent << 23));
+    float s = (m - 1.0f) / (m + 1.0f);
+    float w = s * s;
+    float p = (0.431737901252f * w + 0.576714309537f) * (w * w)
+              + (0.961798848299f * w + 2.88539007979f);
+    lull_logarithm l;
+    l.whole = (float)exponent;
+    l.part = s * p;
+    return l;
+}
+
 /* 1 if f is a NaN, whatever floating-point options the compiler was given. */
 LULL_INLINE int lull_is_nan(float f) { return (lull_bits(f) & 0x7fffffffu) > 0x7f800000u; }
 

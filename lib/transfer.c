@@ -44,28 +44,6 @@ LULL_INLINE float at_most(float v, float limit)
     return choose(mask_greater(signed_bits(v), signed_bits(limit)), limit, v);
 }
 
-/* A logarithm in two parts, whole + part, with part in [-0.5, 0.5]. */
-typedef struct logarithm {
-    float whole, part;
-} logarithm;
-
-/* log2(x), x finite >= FLT_MIN. x = 2^whole * m with m in [sqrt(1/2), sqrt(2)); with s =
- * (m-1)/(m+1), log2(m) = 2/ln(2) * atanh(s), an odd series. */
-LULL_INLINE logarithm log2_parts(float x)
-{
-    uint32_t bits = lull_bits(x);
-    int32_t exponent = (int32_t)(bits - 0x3f3504f3u) >> 23;
-    float m = lull_float(bits - ((uint32_t)exponent << 23));
-    float s = (m - 1.0f) / (m + 1.0f);
-    float w = s * s;
-    float p = (0.431737901252f * w + 0.576714309537f) * (w * w)
-              + (0.961798848299f * w + 2.88539007979f);
-    logarithm l;
-    l.whole = (float)exponent;
-    l.part = s * p;
-    return l;
-}
-
 /* Nearest integer of |t| < 2^22, as float. */
 LULL_INLINE float nearest(float t)
 {
@@ -96,7 +74,7 @@ LULL_INLINE float scale_wide(float v, int32_t n)
  * bits, so its product with the whole part of the logarithm is exact. */
 LULL_INLINE float power(float z, float high, float low)
 {
-    logarithm l = log2_parts(z);
+    lull_logarithm l = lull_log2_parts(z);
     float n = nearest((high + low) * (l.whole + l.part));
     float r = (high * l.whole - n) + (low * l.whole + (high + low) * l.part);
     return scale_wide(1.0f + exp2m1_part(r), (int32_t)n);
@@ -104,7 +82,7 @@ LULL_INLINE float power(float z, float high, float low)
 
 float lull_log2(float x)
 {
-    logarithm l = log2_parts(choose(mask_greater(BITS_MIN, signed_bits(x)), FLT_MIN, x));
+    lull_logarithm l = lull_log2_parts(choose(mask_greater(BITS_MIN, signed_bits(x)), FLT_MIN, x));
     return l.whole + l.part;
 }
 
@@ -158,7 +136,7 @@ LULL_INLINE float pu_forward(float y)
     float v = flush_input(y);
     uint32_t upper = mask_greater(signed_bits(v), signed_bits(PU_Y1));
     uint32_t above = mask_greater(signed_bits(v), signed_bits(PU_Y0));
-    logarithm l = log2_parts(choose(above, choose(upper, v + PU_F, v), PU_Y0));
+    lull_logarithm l = lull_log2_parts(choose(above, choose(upper, v + PU_F, v), PU_Y0));
     float n = nearest((PU_C_HIGH + PU_C_LOW) * (l.whole + l.part));
     float r = (PU_C_HIGH * l.whole - n) + (PU_C_LOW * l.whole + (PU_C_HIGH + PU_C_LOW) * l.part);
     float middle = (0.52499815834241f * (1.0f + exp2m1_part(r))) * power_of_two((int32_t)n)
@@ -179,7 +157,7 @@ LULL_INLINE float pu_inverse(float x)
     float head = lull_float(lull_bits(v) & 0xfffff000u), tail = v - head;
     float n_high = nearest((k_high + k_low) * v - (g_high + g_low));
     float r_high = ((k_high * head - n_high) - g_high) + ((k_high * tail + k_low * v) - g_low);
-    logarithm l = log2_parts(1.9047685865362f * v + 0.0017870705414195f); /* X/b, -d/b */
+    lull_logarithm l = lull_log2_parts(1.9047685865362f * v + 0.0017870705414195f); /* X/b, -d/b */
     const float p_high = 0x1.28ap+1f, p_low = 0x1.7fe206p-11f;            /* 1/c in two parts */
     float n_middle = nearest((p_high + p_low) * (l.whole + l.part));
     float r_middle = (p_high * l.whole - n_middle) + (p_low * l.whole + (p_high + p_low) * l.part);
@@ -196,7 +174,7 @@ LULL_INLINE float log_forward(float y)
     float v = flush_input(y);
     float u = 1.0f + v;
     float lost = v - (u - 1.0f);
-    logarithm l = log2_parts(u);
+    lull_logarithm l = lull_log2_parts(u);
     return flush_output(0.062502666475519f * (l.whole + l.part)      /* ln(2) N */
                         + (lost * 0.090172286966568f) / u);          /* N */
 }

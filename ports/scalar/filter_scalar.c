@@ -10,14 +10,8 @@ static uint8_t to_code(float v)
 /* log2 of u >= 1 (docs/arithmetic.md). */
 static float log2_of(float u)
 {
-    uint32_t bits = lull_bits(u);
-    int32_t exponent = (int32_t)(bits - 0x3f3504f3u) >> 23;
-    float m = lull_float(bits - ((uint32_t)exponent << 23));
-    float s = (m - 1.0f) / (m + 1.0f);
-    float w = s * s;
-    float p = (0.431737901252f * w + 0.576714309537f) * (w * w) +
-              (0.961798848299f * w + 2.88539007979f);
-    return (float)exponent + s * p;
+    lull_logarithm l = lull_log2_parts(u);
+    return l.whole + l.part;
 }
 
 static float radiance_at(const lull_encoding *from, size_t i)
