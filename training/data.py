@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 
 from training import color, kernel_model
+from training.augment import DARKEST, PLAIN, SHADOW_P, Augment, add_fireflies, figure, texture
 from training.errors import DATA, ToolError
 from training.features import encode, load
 from training.scan import CHANNELS, FEATURES, Group, Scan
@@ -32,20 +33,6 @@ class Picture:
     weights: list[float]  # samples per pixel of the inputs, to average them
     target: np.ndarray
     names: list[str] = field(default_factory=list)
-
-
-@dataclass(frozen=True)
-class Augment:
-    """Probabilities and ranges of the augmentation; `plain` is Open Image Denoise's."""
-
-    exposure: float = 0.0   # stops of random exposure, +- (hdr only)
-    average: float = 0.0    # share of inputs replaced by the mean of all versions of the group
-    blend: float = 0.0      # share of inputs moved towards the target by a random amount
-    clean_aux: float = 0.0  # share of inputs that get the reference's aux features
-    signs: float = 0.0      # share of tiles whose normals get random axis signs
-    fireflies: float = 0.0  # share of hdr tiles in which single pixels become very bright
-    drop: float = 0.0       # family K: share of tiles that lose auxiliary features
-    clip: float = 0.0       # family K: share of tiles clipped at a random white (hdr only)
 
 
 class HalfTable:
@@ -115,7 +102,7 @@ class Batches:
     """
 
     def __init__(self, pictures: list[Picture], features: list[str], main: str, transfer: str,
-                 batch_size: int, tile: int, seed: int, augment: Augment = Augment(),
+                 batch_size: int, tile: int, seed: int, augment: Augment = PLAIN,
                  clean_aux: bool = False, rank: int = 0, world: int = 1, family: str = "U"):
         self.pictures, self.main, self.seed, self.augment = pictures, main, seed, augment
         self.family = family
@@ -177,27 +164,33 @@ class Batches:
     def light(self, picture: Picture, k: int, cut, rng) -> tuple[np.ndarray, np.ndarray, bool]:
         """Input and target tile, [h,w,C] fp32, after the augmentations that touch radiance, and
         whether they were clipped at 1."""
-        m, a = self.main_channels, self.augment
+        m, a, hdr = self.main_channels, self.augment, self.main == "hdr"
         x, y = picture.inputs[k][cut], picture.target[cut]
         aux = y[..., m:] if self.clean_aux else x[..., m:]
-        stops = rng.uniform(-a.exposure, a.exposure) if self.main == "hdr" and a.exposure else 0.0
+        stops = rng.uniform(-a.exposure, a.exposure) if hdr and a.exposure else 0.0
         average = rng.random() < a.average and len(picture.inputs) > 1
         blend, clean = rng.random() < a.blend, rng.random() < a.clean_aux
-        clip = self.family == "K" and self.main == "hdr" and rng.random() < a.clip
+        clip = self.family == "K" and hdr and rng.random() < a.clip
         if y.shape[-1] > m and clean:
             aux = y[..., m:]
         elif average and not self.clean_aux:
             aux = np.average([v[cut][..., m:].astype(np.float32) for v in picture.inputs], 0,
                              picture.weights)
         xm, ym = x[..., :m], y[..., :m]
-        flies = self.main == "hdr" and a.fireflies > 0 and rng.random() < a.fireflies
-        if stops or average or blend or clip or flies:
+        flies, collage, textured = (hdr and p > 0 and rng.random() < p
+                                    for p in (a.fireflies, a.collage, a.texture))
+        if stops or average or blend or clip or flies or collage or textured:
             xr, yr = self.table.decode(xm), self.table.decode(ym)
             if average:
                 xr = np.average([self.table.decode(v[cut][..., :m]) for v in picture.inputs], 0,
                                 picture.weights).astype(np.float32)
             if blend:
                 xr = yr + np.float32(rng.uniform(0.2, 1.0)) * (xr - yr)
+            if collage:
+                spp = sum(picture.weights) if average else picture.weights[k]
+                xr, aux, yr = self.collage(xr, aux, yr, spp, clean, rng)
+            if textured:
+                xr, aux, yr = self.textured(xr, aux, yr, rng)
             scale, top = np.float32(2.0**stops), np.float32(color.HDR_MAX)
             xr, yr = xr * scale, yr * scale
             if flies:
@@ -209,16 +202,51 @@ class Batches:
         x = np.concatenate([xm, aux], -1).astype(np.float32)
         return x, ym.astype(np.float32), clip
 
+    def collage(self, x, aux, y, spp: float, clean: bool, rng):
+        """Radiance, features and target, [h,w,C], with another picture seen through a figure.
 
-def add_fireflies(radiance: np.ndarray, rng: np.random.Generator) -> None:
-    """Makes one of 300 to 10000 pixels of [h,w,3], in place, up to 10^5 times as bright, in a
-    colour of its own: paths that found a light by luck."""
-    h, w, channels = radiance.shape
-    n = rng.poisson(h * w / 10 ** rng.uniform(2.5, 4))
-    y, x = rng.integers(0, h, n), rng.integers(0, w, n)
-    gain = 10 ** (rng.uniform(1, 5, (n, 1)) * rng.uniform(0.3, 1, (n, 1)))
-    gain = gain * rng.uniform(0.3, 1, (n, channels))
-    radiance[y, x] = np.minimum((radiance[y, x] + 0.01) * gain, color.HDR_MAX)
+        In the input the samples of a pixel on the edge fall to either side at random.
+        """
+        h, w, m = *y.shape[:2], self.main_channels
+        i, k = self.pairs[int(rng.integers(len(self.pairs)))]
+        other = self.pictures[i]
+        y0, x0 = (int(rng.integers(0, n - t + 1)) for n, t in zip(other.target.shape, (h, w)))
+        cut = np.s_[y0:y0 + h, x0:x0 + w]
+        codes, target = other.inputs[k][cut], other.target[cut]
+        features = target if self.clean_aux or clean and target.shape[-1] > m else codes
+        gain = np.float32(2.0 ** rng.uniform(-3, 3))
+        share = figure(h, w, rng)
+        edge = (share > 0) & (share < 1)
+        drawn = share.copy()
+        count = max(1, round(min(spp, other.weights[k])))
+        drawn[edge] = rng.binomial(count, share[edge]) / count
+        share, drawn = share[..., None], drawn[..., None]
+        aux_share = share if features is target else drawn
+        return (x + drawn * (gain * self.table.decode(codes[..., :m]) - x),
+                aux + aux_share * (features[..., m:] - aux.astype(np.float32)),
+                y + share * (gain * self.table.decode(target[..., :m]) - y))
+
+    def textured(self, x, aux, y, rng):
+        """Radiance, features and target times a texture, of waves or of another picture's albedo;
+        the albedo too, unless it is a shadow."""
+        h, w, m = *y.shape[:2], self.main_channels
+        t = None
+        if "alb" in self.features and rng.random() < 0.5:
+            other = self.pictures[int(rng.integers(len(self.pictures)))].target
+            at = m + 3 * self.features[1:].index("alb")
+            if other.shape[-1] > m:
+                y0, x0 = (int(rng.integers(0, n - s + 1)) for n, s in zip(other.shape, (h, w)))
+                t = np.maximum(other[y0:y0 + h, x0:x0 + w, at:at + 3].astype(np.float32), DARKEST)
+        if t is None:
+            t = texture(h, w, rng)
+        shadow = rng.random() < SHADOW_P
+        if shadow:
+            t = t.mean(-1, keepdims=True)
+        elif "alb" in self.features:
+            at = 3 * self.features[1:].index("alb")
+            aux = aux.astype(np.float32)
+            aux[..., at:at + 3] *= t
+        return x * t, aux, y * t
 
 
 def shuffle(x: np.ndarray, y: np.ndarray, features: list[str], main: str, rng: np.random.Generator,

@@ -137,7 +137,7 @@ def quantize_aware(result: Result, settings: Settings, pictures: list[Picture],
     net = IntegerKernel(model, s.transfer) if family == "K" else IntegerNet(model)
     augment = Augment(s.exposure_jitter or (1.0 if s.main_feature == "hdr" else 0.0),
                       s.average_inputs, s.blend_target, s.mix_clean_aux, s.normal_signs,
-                      s.fireflies, s.drop_features, s.clip)
+                      s.fireflies, s.collage, s.texture, s.drop_features, s.clip)
     batches = Batches(pictures, s.features, s.main_feature, s.transfer, s.batch_size, s.tile_size,
                       s.seed + 1, augment, s.clean_aux, family=family)
 

@@ -193,7 +193,7 @@ def worker(settings: Settings, team: parallel.Team) -> None:
 def make_batches(pictures: list[Picture], settings: Settings, team: parallel.Team) -> Batches:
     s = settings
     augment = Augment(s.exposure_jitter, s.average_inputs, s.blend_target, s.mix_clean_aux,
-                      s.normal_signs, s.fireflies, s.drop_features, s.clip)
+                      s.normal_signs, s.fireflies, s.collage, s.texture, s.drop_features, s.clip)
     return Batches(pictures, s.features, s.main_feature, s.transfer, s.batch_size, s.tile_size,
                    s.seed, augment, s.clean_aux, team.rank, team.world, s.family)
 

@@ -1,0 +1,105 @@
+"""Collages and textures: what they add to tiles, and what they must leave as it was."""
+
+import numpy as np
+import pytest
+
+from training import color
+from training.augment import DARKEST, Augment, figure, texture, waves
+from training.data import Batches, Picture
+
+F = ["hdr", "alb", "nrm"]
+MANY = 1e6  # samples per pixel: no noise of its own
+
+
+def pictures(spp: float, count: int = 4) -> list[Picture]:
+    """Each of one radiance code and albedo, input equal to target."""
+    out = []
+    for g in range(count):
+        y = np.full((48, 48, 9), 0.3 + 0.1 * g, np.float16)
+        out.append(Picture(f"g{g}", [y], [spp], y))
+    return out
+
+
+def light(spp: float, augment: Augment, seed: int):
+    p = pictures(spp)
+    x, y, _ = Batches(p, F, "hdr", "pu", 1, 48, 1, augment).light(
+        p[0], 0, np.s_[:48, :48], np.random.default_rng(seed))
+    return x, y
+
+
+def test_waves_have_the_slope_they_say():
+    for seed in range(10):
+        f, slope = waves(64, 64, np.random.default_rng(seed))
+        gy, gx = np.gradient(f)
+        inner = np.s_[1:-1, 1:-1]
+        assert np.abs(np.hypot(gy, gx)[inner] - slope[inner]).max() < 0.7 * slope.max()
+        assert abs(np.hypot(gy, gx)[inner].mean() / slope[inner].mean() - 1) < 0.35
+
+
+def test_figures_have_edges_of_a_pixel():
+    insides, widths = [], []
+    for seed in range(60):
+        c = figure(64, 64, np.random.default_rng(seed))
+        assert c.shape == (64, 64) and c.min() >= 0 and c.max() <= 1
+        insides.append(c.mean())
+        edge = (c > 0) & (c < 1)
+        flips = (np.diff(c > 0.5, axis=1).sum() + np.diff(c > 0.5, axis=0).sum())
+        if flips > 40:
+            widths.append(edge.sum() / flips)
+    assert 0.15 < np.mean(insides) < 0.75 and len(widths) > 30
+    assert 0.3 < np.median(widths) < 1.5
+
+
+def test_textures_are_factors():
+    for seed in range(40):
+        t = texture(32, 40, np.random.default_rng(seed))
+        assert t.shape == (32, 40, 3) and DARKEST <= t.min() and t.max() <= 1.0 + 1e-6
+
+
+@pytest.mark.parametrize("spp", [MANY, 1.0])
+def test_collage_is_one_picture_or_the_other(spp):
+    """Away from the edges; on them the samples fall to either side, with the right mean."""
+    mixed, bias = 0, []
+    for seed in range(60):
+        x, y = light(spp, Augment(collage=1.0), seed)
+        ends, counts = np.unique(y[..., 0], return_counts=True)
+        if len(ends) < 3 or min(counts[0], counts[-1]) < 20:  # a thin figure, or none
+            continue
+        mixed += 1
+        low, high = (color.pu_inverse(np.float64(v)) for v in (ends[0], ends[-1]))
+        share = (color.pu_inverse(y[..., 0].astype(np.float64)) - low) / (high - low)
+        drawn = (color.pu_inverse(x[..., 0].astype(np.float64)) - low) / (high - low)
+        inside = (share < 1e-3) | (share > 1 - 1e-3)
+        assert (np.abs(x[..., :3] - y[..., :3])[inside] > 2e-3).mean() < 0.02
+        if spp == MANY:
+            assert np.abs(x[..., :3] - y[..., :3]).max() < 0.03
+        else:
+            assert np.all(np.minimum(abs(drawn), abs(drawn - 1)) < 0.02)  # one sample: all or none
+            bias.append((drawn - share)[~inside].mean())
+    assert mixed > 25
+    assert spp == MANY or abs(np.mean(bias)) < 0.02
+
+
+def test_features_follow_the_collage():
+    """The albedo of a pixel belongs to the same picture as its radiance."""
+    for seed in range(20):
+        x, y = light(1.0, Augment(collage=1.0), seed)
+        for value in np.unique(x[..., 0]):
+            assert np.ptp(x[..., 3][x[..., 0] == value]) < 2e-3
+
+
+def test_textures_multiply_radiance_and_albedo_alike():
+    alike = shadows = 0
+    for seed in range(60):
+        x, y = light(MANY, Augment(texture=1.0), seed)
+        assert np.array_equal(x[..., :3], y)
+        plain, _ = light(MANY, Augment(), seed)
+        factor = color.pu_inverse(x[..., :3]) / color.pu_inverse(plain[..., :3])
+        albedo = x[..., 3:6] / plain[..., 3:6]
+        assert np.array_equal(x[..., 6:], plain[..., 6:])
+        if np.abs(albedo - 1).max() < 1e-3 and np.abs(factor - 1).max() > 0.05:
+            shadows += 1
+        else:
+            assert np.abs(factor / albedo - 1).max() < 0.03
+            alike += 1
+    assert alike > 30 and shadows > 4

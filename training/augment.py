@@ -1,0 +1,87 @@
+"""Augmentation in radiance: what a few hundred scenes do not show is made from what they do.
+
+A collage lays one scene over another through a random figure, noise of the edges included: the
+sharp, thin and irregular edges of foliage and lattices. A texture multiplies radiance and albedo
+alike, as the reflectance of a surface does, or radiance alone, as a shadow does.
+"""
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from training import color
+
+WAVELENGTHS = (3.0, 160.0)  # pixels, of the waves that figures are made of
+LINE_WIDTHS = (0.7, 5.0)    # pixels, of figures of lines
+DARKEST = 0.03              # least factor of a texture
+SHADOW_P = 0.25             # textures that multiply the radiance alone
+
+
+@dataclass(frozen=True)
+class Augment:
+    """Probabilities and ranges of the augmentation; PLAIN is Open Image Denoise's."""
+
+    exposure: float = 0.0   # stops of random exposure, +- (hdr only)
+    average: float = 0.0    # share of inputs replaced by the mean of all versions of the group
+    blend: float = 0.0      # share of inputs moved towards the target by a random amount
+    clean_aux: float = 0.0  # share of inputs that get the reference's aux features
+    signs: float = 0.0      # share of tiles whose normals get random axis signs
+    fireflies: float = 0.0  # share of hdr tiles in which single pixels become very bright
+    collage: float = 0.0    # share of hdr tiles that show two pictures
+    texture: float = 0.0    # share of hdr tiles multiplied by a texture
+    drop: float = 0.0       # family K: share of tiles that lose auxiliary features
+    clip: float = 0.0       # family K: share of tiles clipped at a random white (hdr only)
+
+
+def add_fireflies(radiance: np.ndarray, rng: np.random.Generator) -> None:
+    """Makes one of 300 to 10000 pixels of [h,w,3], in place, up to 10^5 times as bright, in a
+    colour of its own: paths that found a light by luck."""
+    h, w, channels = radiance.shape
+    n = rng.poisson(h * w / 10 ** rng.uniform(2.5, 4))
+    y, x = rng.integers(0, h, n), rng.integers(0, w, n)
+    gain = 10 ** (rng.uniform(1, 5, (n, 1)) * rng.uniform(0.3, 1, (n, 1)))
+    gain = gain * rng.uniform(0.3, 1, (n, channels))
+    radiance[y, x] = np.minimum((radiance[y, x] + 0.01) * gain, color.HDR_MAX)
+
+
+def waves(h: int, w: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """A sum of one to six random plane waves, variance 1, [h,w], and the length of its gradient
+    per pixel."""
+    n = int(rng.integers(1, 7))
+    longest = math.exp(rng.uniform(*map(math.log, WAVELENGTHS)))
+    k = 2 * np.pi / (longest * 2.0 ** -rng.uniform(0, 1.5, n))
+    angle, phase = rng.uniform(0, 2 * np.pi, (2, n))
+    kx, ky = k * np.cos(angle), k * np.sin(angle)
+    wave = np.exp(1j * (ky[:, None] * np.arange(h) + phase[:, None]))[:, :, None] \
+        * np.exp(1j * kx[:, None] * np.arange(w))[:, None, :]
+    f = math.sqrt(2.0 / n) * wave.real.sum(0)
+    slope = math.sqrt(2.0 / n) * np.hypot(np.tensordot(kx, wave.imag, 1),
+                                          np.tensordot(ky, wave.imag, 1))
+    return f.astype(np.float32), slope.astype(np.float32)
+
+
+def figure(h: int, w: int, rng: np.random.Generator) -> np.ndarray:
+    """Coverage in [0,1] of the pixels of a random figure, [h,w]: areas or lines, edges one pixel
+    wide."""
+    f, slope = waves(h, w, rng)
+    slope = np.maximum(slope, 1e-3)
+    if rng.random() < 0.4:  # within half a width of the curve f = 0
+        distance = 0.5 * rng.uniform(*LINE_WIDTHS) - np.abs(f) / slope
+    else:
+        distance = (f - rng.normal(0, 0.7)) / slope
+    return np.clip(0.5 + distance, 0.0, 1.0)
+
+
+def texture(h: int, w: int, rng: np.random.Generator) -> np.ndarray:
+    """Factors in [DARKEST,1], [h,w,3]: two colours, blended along waves, hard or soft."""
+    f, _ = waves(h, w, rng)
+    share = np.clip(0.5 + f * 2.0 ** rng.uniform(-2, 4), 0.0, 1.0)[..., None]
+    a, b = DARKEST + (1 - DARKEST) * rng.random((2, 3)) ** 0.7
+    if rng.random() < 0.4:  # grey
+        a, b = np.full(3, a[0]), np.full(3, b[0])
+    return (a + share * (b - a)).astype(np.float32)
+
+
+PLAIN = Augment()
