@@ -23,7 +23,7 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from export import synthetic
-from training import kernel_filter, parallel
+from training import fused, kernel_filter, parallel
 from training.data import from_raw
 from training.imageio import write_image
 from training.loss import make_loss
@@ -44,14 +44,14 @@ def unfolded(logits: Tensor, v: Tensor) -> Tensor:
 
 @contextmanager
 def eager(plain: Callable | None):
-    """PyTorch's operations instead of the fused ones; plain: the filter."""
-    kept = kernel_filter.fused_module, kernel_filter.plain
+    """PyTorch's operations instead of the fused ones; plain: the sums over the taps."""
+    kept = fused.module, kernel_filter.kernel_filter
     if plain:
-        kernel_filter.fused_module, kernel_filter.plain = lambda: None, plain
+        fused.module, kernel_filter.kernel_filter = lambda: None, plain
     try:
         yield
     finally:
-        kernel_filter.fused_module, kernel_filter.plain = kept
+        fused.module, kernel_filter.kernel_filter = kept
 
 
 class Stepper:
@@ -155,7 +155,7 @@ def main() -> None:
         "lull, bf16": Stepper(settings, None, "bf16"),
         "lull, fp32": Stepper(settings, None, "fp32"),
         "eager PyTorch, unfold": Stepper(settings, unfolded, "fp32"),
-        "eager PyTorch, loop over taps": Stepper(settings, kernel_filter.plain, "fp32")}
+        "eager PyTorch, loop over taps": Stepper(settings, kernel_filter.kernel_filter, "fp32")}
     print("\n".join(report(variants, batches, args.rounds)))
 
 

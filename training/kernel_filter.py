@@ -1,106 +1,24 @@
-"""The slow operations of family K, differentiable: the 5x5 kernel filter
+"""The filter of family K (docs/kernel-prediction.md, section Filter), differentiable by the heads.
 
-    out[c](p) = sum over the 5x5 taps k, row by row, of exp(logits[k](p)) * v[c](p + k)
-
-with zeros outside, and the split of a head's channels into planar tensors of whole codes.
-
-Fused C++ operations on the CPU where a compiler is found (about 12 times faster), plain PyTorch
-elsewhere. Set LULL_FUSED=0 to force the latter.
+One fused C++ operation on the CPU where it can be compiled, a chain of PyTorch's elsewhere.
 """
 from __future__ import annotations
-
-import functools
-import importlib.util
-import os
-import platform
-import re
-import shutil
-import sys
-import tempfile
-import zlib
-from pathlib import Path
 
 import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-try:
-    import fcntl
-except ImportError:  # not there on Windows
-    fcntl = None
+from training import fused
 
 SIDE, RADIUS, TAPS = 5, 2, 25
-MODULE = "lull_kernel_filter"
-FLAGS = ["-O3", "-march=native", "-ffast-math", "-fopenmp"]
-SOURCE = Path(__file__).resolve().parent / "csrc" / "kernel_filter.cpp"
-
-
-@functools.cache
-def fused_module():
-    """The compiled operation, or None where it cannot be built."""
-    if os.environ.get("LULL_FUSED") == "0" or not (shutil.which("c++") or shutil.which("g++")):
-        return None
-    try:
-        return _load(_cache_folder())
-    except (RuntimeError, OSError, ImportError) as e:
-        print(f"the fused kernel filter could not be built, PyTorch's operations serve: {e}")
-        return None
-
-
-def _cache_folder() -> Path:
-    """One for all checkouts with this source, by what the result depends on."""
-    cpu = re.search("flags.*", Path("/proc/cpuinfo").read_text()) if sys.platform == "linux" else ""
-    text = f"{torch.__version__} {sys.version} {platform.machine()} {cpu and cpu[0]} {FLAGS}"
-    key = zlib.crc32(SOURCE.read_bytes() + text.encode())
-    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    return cache / "lull" / f"kernel_filter_{key:08x}"
-
-
-def _load(folder: Path):
-    """The module of a cache folder, compiled first if there is none. One process does it while
-    others wait; a lock of PyTorch's own would stay behind if that process were killed."""
-    library = folder / f"{MODULE}.so"
-    folder.mkdir(parents=True, exist_ok=True)
-    with open(folder / "lock", "wb") as lock:
-        if fcntl:
-            fcntl.flock(lock, fcntl.LOCK_EX)
-        if not library.exists():
-            from torch.utils.cpp_extension import load
-            with tempfile.TemporaryDirectory(dir=folder) as tmp:
-                module = load(MODULE, [str(SOURCE)], verbose=False, extra_cflags=FLAGS,
-                              build_directory=tmp)
-                os.replace(Path(tmp) / library.name, library)
-            return module
-    spec = importlib.util.spec_from_file_location(MODULE, library)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-class _Fused(torch.autograd.Function):
-    @staticmethod
-    def forward(ctx, logits: Tensor, v: Tensor) -> Tensor:
-        logits, v = logits.contiguous(), v.contiguous()
-        ctx.save_for_backward(logits, v)
-        return fused_module().forward(logits, v)
-
-    @staticmethod
-    def backward(ctx, g: Tensor):
-        logits, v = ctx.saved_tensors
-        return tuple(fused_module().backward(logits, v, g))
-
-
-class _Split(torch.autograd.Function):
-    @staticmethod
-    def forward(ctx, q: Tensor, counts: list[int], step: float):
-        q = q.contiguous(memory_format=torch.channels_last)
-        ctx.save_for_backward(q)
-        ctx.step = step
-        return tuple(fused_module().split(q, counts, step))
-
-    @staticmethod
-    def backward(ctx, *grads: Tensor):
-        return fused_module().join(*ctx.saved_tensors, list(grads), ctx.step), None, None
+LEVELS = 5
+EPS = 0.02                        # added to the albedo that divides
+RADIANCE_MAX = 65504.0
+STEP = 16.0                       # codes per unit of a logit
+CONFIDENCE, BLEND = -255.0 / STEP, -8.0  # added to these logits
+PARTS = [TAPS, 1, 1]              # channels of a head: logits, confidence, blend;
+FULL_PARTS = [*PARTS, TAPS]       # at full resolution also the logits of the albedo's kernel
+CONSTANTS = [STEP, EPS, RADIANCE_MAX, CONFIDENCE, BLEND]
 
 
 class Round(torch.autograd.Function):
@@ -115,19 +33,79 @@ class Round(torch.autograd.Function):
         return g
 
 
-def split_codes(q: Tensor, counts: list[int], step: float) -> tuple[Tensor, ...]:
-    """q [N,C,H,W] as whole codes of 0..255 over `step`, in parts of counts[i] channels, in fp32.
+class Fused(torch.autograd.Function):
+    """`plain` in C++; no gradients of the images."""
+
+    @staticmethod
+    def forward(ctx, radiance: Tensor, albedo: Tensor, has_albedo: Tensor, whole: bool,
+                *heads: Tensor) -> Tensor:
+        heads = [q.contiguous(memory_format=torch.channels_last) for q in heads]
+        images = [t.contiguous() for t in (radiance, albedo, has_albedo)]
+        out, tape = fused.module().filter(heads, *images, CONSTANTS, whole)
+        ctx.save_for_backward(*images, tape, *heads)
+        ctx.whole = whole
+        return out
+
+    @staticmethod
+    def backward(ctx, g: Tensor):
+        *rest, = ctx.saved_tensors
+        images, tape, heads = rest[:3], rest[3], rest[4:]
+        grads = fused.module().filter_backward(heads, *images, tape, g, CONSTANTS, ctx.whole)
+        return None, None, None, None, *grads
+
+
+def apply_filter(heads: list[Tensor], radiance: Tensor, albedo: Tensor,
+                 has_albedo: Tensor) -> Tensor:
+    """Filtered radiance [N,3,H,W] from the heads by level, the radiance (exposed), the albedo, and
+    where there is one (0 or 1, [N,1,H,W])."""
+    images = radiance, albedo, has_albedo
+    if (radiance.device.type == "cpu" and fused.module() is not None
+            and not any(t.requires_grad for t in images)):
+        return Fused.apply(*images, True, *heads)
+    return plain(heads, *images)
+
+
+def plain(heads: list[Tensor], radiance: Tensor, albedo: Tensor, has_albedo: Tensor,
+          whole: bool = True) -> Tensor:
+    """The same with PyTorch's operations, on any device. A factor common to all weights cancels, so
+    logits are taken as they are where the integer engine subtracts their largest.
+
+    whole: logits are rounded to codes."""
+    parts = [split_codes(q.to(radiance.dtype), PARTS if level else FULL_PARTS, whole)
+             for level, q in enumerate(heads)]
+    s = kernel_filter(parts[0][3], torch.cat((torch.ones_like(has_albedo), albedo), 1))
+    smooth = s[:, 1:] / s[:, :1]
+    smooth = smooth * has_albedo + (1.0 - EPS) * (1.0 - has_albedo) + EPS
+    i = radiance.clamp(0.0, RADIANCE_MAX) / smooth
+    filtered = []
+    for level in range(LEVELS):
+        c = torch.exp(parts[level][1] + CONFIDENCE)
+        v = torch.cat((c, c * i), 1)
+        s = kernel_filter(parts[level][0], v)
+        filtered.append(s[:, 1:] / s[:, :1])
+        if level + 1 < LEVELS:
+            pooled = F.avg_pool2d(v, 2, ceil_mode=True)
+            i = pooled[:, 1:] / pooled[:, :1]
+    out = filtered[-1]
+    for level in range(LEVELS - 2, -1, -1):
+        beta = torch.sigmoid(parts[level][2] + BLEND)
+        f = filtered[level]
+        out = f + beta * (upsample(out)[..., :f.shape[-2], :f.shape[-1]] - f)
+    return out * smooth
+
+
+def split_codes(q: Tensor, counts: list[int], whole: bool = True) -> tuple[Tensor, ...]:
+    """q [N,C,H,W] as whole codes of 0..255 over STEP, in parts of counts[i] channels.
 
     The gradient is zero where a code was clamped.
     """
-    if q.device.type == "cpu" and fused_module() is not None:
-        return _Split.apply(q, counts, step)
-    codes = Round.apply((q.float() * step).clamp(0.0, 255.0)) / step
-    return torch.split(codes, counts, 1)
+    codes = (q * STEP).clamp(0.0, 255.0)
+    return torch.split((Round.apply(codes) if whole else codes) / STEP, counts, 1)
 
 
-def plain(logits: Tensor, v: Tensor) -> Tensor:
-    """The same with PyTorch's operations, on any device."""
+def kernel_filter(logits: Tensor, v: Tensor) -> Tensor:
+    """out[c](p) = sum over the 5x5 taps k, row by row, of exp(logits[k](p)) * v[c](p + k), zeros
+    outside; logits [N,25,H,W] (at most about 60), v [N,C,H,W]."""
     e = logits.exp()
     padded = F.pad(v, (RADIUS,) * 4)
     h, w = v.shape[-2:]
@@ -138,8 +116,6 @@ def plain(logits: Tensor, v: Tensor) -> Tensor:
     return out
 
 
-def kernel_filter(logits: Tensor, v: Tensor) -> Tensor:
-    """logits [N,25,H,W] (at most about 60), v [N,C,H,W] -> [N,C,H,W]."""
-    if logits.device.type == "cpu" and fused_module() is not None:
-        return _Fused.apply(logits, v)
-    return plain(logits, v)
+def upsample(x: Tensor) -> Tensor:
+    """Bilinear by 2, edges repeated: 9/16, 3/16, 3/16, 1/16 of the nearest pixels."""
+    return F.interpolate(x, scale_factor=2, mode="bilinear", align_corners=False)

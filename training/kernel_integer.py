@@ -10,7 +10,7 @@ from torch import Tensor, nn
 from export.kernel import IntTrunk
 from export.reference import check_layer
 from training import kernel_model
-from training.kernel_net import STEP
+from training.kernel_filter import STEP
 from training.quantize_aware import IntegerHead, IntegerLayer
 
 

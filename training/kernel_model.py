@@ -13,7 +13,8 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from training import color
-from training.kernel_net import KernelNet, apply_filter, mixed_input
+from training.kernel_filter import apply_filter
+from training.kernel_net import KernelNet, mixed_input
 
 PLANES = 12     # 0-2 radiance code, 3-5 albedo, 6-8 normal code, 9-11 flags (below)
 ALIGN = 16      # of the trunk

@@ -13,16 +13,11 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from training.kernel_filter import TAPS, Round, kernel_filter, split_codes
+from training.kernel_filter import EPS, LEVELS, RADIANCE_MAX, Round, apply_filter
 
-INPUTS, LEVELS = 12, 5
-EPS = 0.02                        # added to the albedo that divides
+INPUTS = 12
 LOG_GAIN, LOG_TOP = 32.0, 128.0   # radiance code: ln(1 + 32 I) / ln(1 + 32 * 128)
 LOG_SCALE = 1.0 / math.log1p(LOG_GAIN * LOG_TOP)
-RADIANCE_MAX = 65504.0
-STEP = 16.0                       # codes per unit of a logit
-PARTS = [TAPS, 1, 1]              # channels of a head: logits, confidence, blend;
-FULL_PARTS = [*PARTS, TAPS]       # at full resolution also the logits of the albedo's kernel
 HEAD_WIDTHS = (52, 27, 27, 27, 27)
 
 
@@ -71,11 +66,6 @@ def mixed_input(radiance: Tensor, albedo: Tensor, normal: Tensor, has_albedo: Te
     nrm = (normal * 0.5 + 0.5) * has_normal + (128.0 / 255.0) * (1.0 - has_normal)
     x = torch.cat((log, albedo * has_albedo, nrm, has_albedo, has_normal, clipped), 1)
     return to_code(x)
-
-
-def upsample(x: Tensor) -> Tensor:
-    """Bilinear by 2, edges repeated: 9/16, 3/16, 3/16, 1/16 of the nearest pixels."""
-    return F.interpolate(x, scale_factor=2, mode="bilinear", align_corners=False)
 
 
 class KernelNet(nn.Module):
@@ -128,29 +118,3 @@ class KernelNet(nn.Module):
         for head in self.heads:
             total += getattr(self, head.name).weight.numel() / 4**head.level
         return total
-
-
-def apply_filter(heads: list[Tensor], radiance: Tensor, albedo: Tensor,
-                 has_albedo: Tensor) -> Tensor:
-    """docs/kernel-prediction.md, section Filter. A factor common to all weights cancels, so logits
-    are taken as they are where the integer engine subtracts their largest."""
-    parts = [split_codes(q, PARTS if level else FULL_PARTS, STEP) for level, q in enumerate(heads)]
-    s = kernel_filter(parts[0][3], torch.cat((torch.ones_like(has_albedo), albedo), 1))
-    smooth = s[:, 1:] / s[:, :1]
-    smooth = smooth * has_albedo + (1.0 - EPS) * (1.0 - has_albedo) + EPS
-    i = radiance.clamp(0.0, RADIANCE_MAX) / smooth
-    filtered = []
-    for level in range(LEVELS):
-        c = torch.exp(parts[level][1] - 255.0 / STEP)
-        v = torch.cat((c, c * i), 1)
-        s = kernel_filter(parts[level][0], v)
-        filtered.append(s[:, 1:] / s[:, :1])
-        if level + 1 < LEVELS:
-            pooled = F.avg_pool2d(v, 2, ceil_mode=True)
-            i = pooled[:, 1:] / pooled[:, :1]
-    out = filtered[-1]
-    for level in range(LEVELS - 2, -1, -1):
-        beta = torch.sigmoid(parts[level][2] - 8.0)
-        f = filtered[level]
-        out = f + beta * (upsample(out)[..., :f.shape[-2], :f.shape[-1]] - f)
-    return out * smooth

@@ -6,13 +6,13 @@ import pytest
 import torch
 
 from export import kernel, pixels
-from training import kernel_filter, kernel_net, nets
+from training import fused, kernel_filter, kernel_net, nets
 
 
-def test_plain_filter_is_its_definition():
+def test_sums_of_the_filter_are_their_definition():
     rng = np.random.default_rng(1)
     logits, v = rng.normal(size=(1, 25, 5, 6)), rng.random((1, 2, 5, 6))
-    out = kernel_filter.plain(torch.from_numpy(logits), torch.from_numpy(v)).numpy()
+    out = kernel_filter.kernel_filter(torch.from_numpy(logits), torch.from_numpy(v)).numpy()
     expected = np.zeros_like(v)
     for y in range(5):
         for x in range(6):
@@ -23,50 +23,68 @@ def test_plain_filter_is_its_definition():
     np.testing.assert_allclose(out, expected, rtol=1e-12)
 
 
-def test_fused_filter_equals_the_plain_one_and_its_gradient():
-    if kernel_filter.fused_module() is None:
-        pytest.skip("optional: no C++ compiler for the fused operation")
-    torch.manual_seed(0)
-    logits = torch.randn(2, 25, 5, 7, dtype=torch.double, requires_grad=True)
-    v = torch.rand(2, 4, 5, 7, dtype=torch.double, requires_grad=True)
-    torch.testing.assert_close(kernel_filter.kernel_filter(logits, v),
-                               kernel_filter.plain(logits, v))
-    assert torch.autograd.gradcheck(kernel_filter._Fused.apply, (logits, v))
+@pytest.fixture
+def compiled():
+    if fused.module() is None:
+        pytest.skip("optional: no C++ compiler for the fused operations")
 
 
-def test_compiled_operations_are_shared_by_checkouts(tmp_path, monkeypatch):
+def random_filter(n: int, h: int, w: int, kind: torch.dtype = torch.float):
+    """(radiance, albedo, has_albedo), heads with codes on both sides of 0 and 255."""
+    torch.manual_seed(h * w)
+    heads = [(torch.randn(n, c, -(-h >> s), -(-w >> s), dtype=kind) * 4 + 8).requires_grad_()
+             for s, c in enumerate(kernel_net.HEAD_WIDTHS)]
+    kind = torch.double if kind == torch.double else torch.float
+    images = [torch.rand(n, 3, h, w, dtype=kind) * 3 - 0.1, torch.rand(n, 3, h, w, dtype=kind),
+              (torch.rand(n, 1, h, w, dtype=kind) > 0.4).to(kind)]
+    return images, heads
+
+
+def test_gradient_of_the_fused_filter(compiled):
+    images, heads = random_filter(1, 6, 9, torch.double)
+    assert torch.autograd.gradcheck(
+        lambda *q: kernel_filter.Fused.apply(*images, False, *q), heads)
+
+
+@pytest.mark.parametrize("kind", [torch.float, torch.bfloat16], ids=str)
+@pytest.mark.parametrize("n, h, w", [(2, 32, 48), (1, 19, 21), (1, 17, 130), (1, 18, 32)])
+def test_fused_filter_equals_the_plain_one(compiled, n, h, w, kind):
+    images, heads = random_filter(n, h, w, kind)
+    g = torch.randn(n, 3, h, w)
+    out, plain = kernel_filter.apply_filter(heads, *images), kernel_filter.plain(heads, *images)
+    torch.testing.assert_close(out, plain, rtol=1e-5, atol=1e-5)
+    assert type(out.grad_fn).__name__ == "FusedBackward"
+    for level, (a, b) in enumerate(zip(torch.autograd.grad((out * g).sum(), heads),
+                                       torch.autograd.grad((plain * g).sum(), heads))):
+        largest = b.float().abs().max()
+        assert largest > 0 and a.dtype == kind
+        bound = largest * (2e-5 if kind == torch.float else 0.02)
+        assert (a.float() - b.float()).abs().max() < bound
+        clamped = (heads[level] < 0) | (heads[level] * 16 > 255)
+        assert clamped.any() and (a[clamped] == 0).all()
+
+
+def test_numbers_that_are_none_come_through(compiled):
+    """So that a training that diverges is seen to do so."""
+    images, heads = random_filter(1, 16, 16)
+    heads[0].data[0, 3, 8, 8] = torch.nan
+    out = kernel_filter.apply_filter(heads, *images)
+    assert torch.equal(out.isnan(), kernel_filter.plain(heads, *images).isnan())
+    assert out.isnan().any()
+
+
+def test_compiled_operations_are_shared_by_checkouts(compiled, tmp_path, monkeypatch):
     """A copy of the source elsewhere finds what this one compiled; a changed one does not."""
-    if kernel_filter.fused_module() is None:
-        pytest.skip("optional: no C++ compiler for the fused operation")
-    folder = kernel_filter._cache_folder()
+    folder = fused._cache_folder()
     copy = tmp_path / "kernel_filter.cpp"
-    copy.write_bytes(kernel_filter.SOURCE.read_bytes())
-    monkeypatch.setattr(kernel_filter, "SOURCE", copy)
-    assert kernel_filter._cache_folder() == folder
+    copy.write_bytes(fused.SOURCE.read_bytes())
+    monkeypatch.setattr(fused, "SOURCE", copy)
+    assert fused._cache_folder() == folder
     monkeypatch.setattr("torch.utils.cpp_extension.load", None)  # not called
-    assert callable(kernel_filter._load(folder).forward)
-    assert {p.name for p in folder.iterdir()} == {"lock", "lull_kernel_filter.so"}
+    assert callable(fused._load(folder).filter)
+    assert {p.name for p in folder.iterdir()} == {"lock", "lull_fused.so"}
     copy.write_bytes(b"// " + copy.read_bytes())
-    assert kernel_filter._cache_folder() != folder
-
-
-def test_fused_split_equals_the_plain_one_and_its_gradient(monkeypatch):
-    if kernel_filter.fused_module() is None:
-        pytest.skip("optional: no C++ compiler for the fused operation")
-    torch.manual_seed(0)
-    q = torch.randn(2, 7, 5, 40) * 12 + 8
-    weights = [torch.randn(2, n, 5, 40) for n in (4, 1, 2)]
-    results = []
-    for fused in (True, False):
-        if not fused:
-            monkeypatch.setattr(kernel_filter, "fused_module", lambda: None)
-        x = q.clone().requires_grad_()
-        parts = kernel_filter.split_codes(x, [4, 1, 2], 16.0)
-        sum((p * w).sum() for p, w in zip(parts, weights, strict=True)).backward()
-        results.append((torch.cat(parts, 1).detach(), x.grad))
-    assert torch.equal(results[0][0], results[1][0])
-    torch.testing.assert_close(results[0][1], results[1][1])
-    assert (results[0][1] == 0).any() and (results[0][1] != 0).any()
+    assert fused._cache_folder() != folder
 
 
 def test_filter_of_torch_equals_the_reference():
@@ -79,7 +97,7 @@ def test_filter_of_torch_equals_the_reference():
     expected = kernel.apply_filter(codes, radiance, albedo)
     heads = [torch.from_numpy(c.transpose(2, 0, 1)[None].astype(np.float32) / 16) for c in codes]
     batch = [torch.from_numpy(a.transpose(2, 0, 1)[None].copy()) for a in (radiance, albedo)]
-    got = kernel_net.apply_filter(heads, *batch, torch.ones(1, 1, 32, 48))
+    got = kernel_filter.apply_filter(heads, *batch, torch.ones(1, 1, 32, 48))
     np.testing.assert_allclose(got[0].numpy().transpose(1, 2, 0), expected, rtol=2e-4)
 
 
