@@ -12,12 +12,21 @@ static void parallel(const lull_plan *plan, const lull_host *host, unsigned coun
             body(t, i, 0);
 }
 
+/* A loop over chunks of `rows` rows of `width` columns. */
+static void make_rows(lull_task *t, const lull_host *host, unsigned rows, unsigned width,
+                      void (*body)(void *, unsigned, unsigned))
+{
+    t->rows = rows;
+    parallel(t->plan, host, rows * ((width + t->chunk - 1) / t->chunk), body, t);
+}
+
 /* Loads input rows up to `rows`, which images from row base_row on hold. */
 static void load(lull_task *t, unsigned rows, unsigned base_row, const lull_host *host)
 {
     t->first = t->plan->done[0];
     t->base_row = base_row;
-    parallel(t->plan, host, rows - t->first, lull_exec_load, t);
+    t->chunk = lull_plan_band(t->plan);
+    make_rows(t, host, rows - t->first, t->right - t->left, lull_exec_load);
     t->plan->done[LULL_TENSOR_INPUT] = rows;
     if (t->plan->keeps_rows)
         t->plan->done[LULL_TENSOR_RADIANCE] = t->plan->done[LULL_TENSOR_ALBEDO] = rows;
@@ -30,8 +39,9 @@ static void load_albedo(lull_task *t, const lull_host *host)
     unsigned rows = lull_plan_albedo(plan);
     plan->done[LULL_TENSOR_RADIANCE] = plan->done[0];
     t->first = plan->done[LULL_TENSOR_ALBEDO];
+    t->chunk = lull_plan_band(plan);
     if (lull_plan_has(plan, LULL_TENSOR_ALBEDO))
-        parallel(plan, host, rows - t->first, lull_exec_spread, t);
+        make_rows(t, host, rows - t->first, t->right - t->left, lull_exec_spread);
     plan->done[LULL_TENSOR_ALBEDO] = rows;
 }
 
@@ -77,9 +87,8 @@ static int advance(lull_task *t, unsigned base_row, const lull_host *host)
             continue;
         if (!keep_going(t, host))
             return 0;
-        parallel(plan, host,
-                 (ready - t->first) / lull_layer_rows(&graph->layer[l]) * lull_exec_chunks(t),
-                 lull_exec_chunk, t);
+        make_rows(t, host, (ready - t->first) / lull_layer_rows(&graph->layer[l]),
+                  (t->right - t->left) >> graph->layer[l].level, lull_exec_chunk);
         plan->done[l + 1] = ready;
     }
     if (!keep_going(t, host))
@@ -87,7 +96,8 @@ static int advance(lull_task *t, unsigned base_row, const lull_host *host)
     ready = lull_min_u(plan->done[graph->layers], plan->frame.height);
     t->first = plan->stored;
     t->base_row = base_row;
-    parallel(plan, host, ready - t->first, lull_exec_store, t);
+    t->chunk = lull_plan_band(plan);
+    make_rows(t, host, ready - t->first, t->end - t->begin, lull_exec_store);
     plan->stored = ready;
     return keep_going(t, host);
 }

@@ -9,8 +9,11 @@
 typedef struct lull_task {
     lull_plan *plan;
     const lull_images *images;
-    unsigned layer, chunk;    /* chunk: columns of a task */
-    unsigned first, base_row; /* first row to make; row of the frame at the start of the images */
+    unsigned layer;
+    unsigned first, rows, chunk; /* of a loop: first row to make, rows, columns of a task. Indices
+                                  * run down the rows first, so that a part of them is a band of
+                                  * columns, much the same one in every loop */
+    unsigned base_row;           /* row of the frame at the start of the images */
     unsigned begin, end, left, right; /* columns: of the strip's output, and held in the rings */
 } lull_task;
 
@@ -33,17 +36,16 @@ float *lull_exec_floats(const lull_plan *plan, unsigned tensor, unsigned y, unsi
 const uint8_t *lull_exec_source(const lull_plan *plan, unsigned tensor, int y);
 
 /* Bodies of parallel_for. Context: a lull_task. */
-void lull_exec_load(void *context, unsigned index, unsigned worker);  /* row first + index of the
-                                                                         input */
-void lull_exec_spread(void *context, unsigned index, unsigned worker); /* row first + index of the
-                                                                          albedo */
-void lull_exec_chunk(void *context, unsigned index, unsigned worker); /* a chunk of a row of a layer
-                                                                       */
-void lull_exec_store(void *context, unsigned index, unsigned worker); /* row first + index of the
-                                                                         output */
+void lull_exec_load(void *context, unsigned index, unsigned worker);   /* a chunk of the input */
+void lull_exec_spread(void *context, unsigned index, unsigned worker); /* of the albedo */
+void lull_exec_chunk(void *context, unsigned index, unsigned worker);  /* of the task's layer */
+void lull_exec_store(void *context, unsigned index, unsigned worker);  /* of the output */
 
-/* Chunks that a row of the task's layer has. */
-unsigned lull_exec_chunks(const lull_task *t);
+/* Row (counted from the first) and columns of a loop's index; columns are [left, right) of it. */
+typedef struct lull_part {
+    unsigned row, left, right;
+} lull_part;
+lull_part lull_exec_part(const lull_task *t, unsigned index, unsigned left, unsigned right);
 
 /* Columns [x, x+n) of rows y and y + 1 (or of the pooled row y) of the task's layer, in Winograd's
  * form. x and n, before pooling, are whole patches. */

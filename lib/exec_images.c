@@ -167,15 +167,23 @@ float *lull_exec_scratch(const lull_task *t, unsigned worker)
     return (float *)(void *)((uint8_t *)t->plan + plan->scratch + plan->scratch_bytes * worker);
 }
 
+/* Zeros in the columns of a part of row y of a tensor. */
+static void clear_part(const lull_task *t, unsigned tensor, unsigned y, const lull_part *part)
+{
+    size_t pixel = lull_ring_pixel(&t->plan->ring[tensor]);
+    memset(lull_exec_row(t->plan, tensor, y) + (part->left - t->left) * pixel, 0,
+           (part->right - part->left) * pixel);
+}
+
 void lull_exec_spread(void *context, unsigned index, unsigned worker)
 {
     const lull_task *t = context;
     const lull_plan *plan = t->plan;
-    unsigned y = t->first + index, right = lull_min_u(t->right, plan->frame.width);
+    lull_part part = lull_exec_part(t, index, t->left, t->right);
+    unsigned y = t->first + part.row, right = lull_min_u(part.right, plan->frame.width);
     if (y >= plan->frame.height)
-        memset(lull_exec_row(plan, LULL_TENSOR_ALBEDO, y), 0,
-               (t->right - t->left) * lull_ring_pixel(&plan->ring[LULL_TENSOR_ALBEDO]));
-    for (unsigned x = t->left; y < plan->frame.height && x < right; x += LULL_BLOCK) {
+        clear_part(t, LULL_TENSOR_ALBEDO, y, &part);
+    for (unsigned x = part.left; y < plan->frame.height && x < right; x += LULL_BLOCK) {
         unsigned n = lull_min_u(LULL_BLOCK, right - x);
         float *block = lull_exec_scratch(t, worker);
         load_albedo(t, aux_pixels(t, 1, block, x, y - t->base_row, n), x, y, n);
@@ -205,19 +213,19 @@ static void keep_columns(const lull_task *t, unsigned y, unsigned column, int is
     }
 }
 
-/* One row of the network's input, columns [t->left, t->right). */
+/* A part of a row of the network's input; the whole row if columns are kept for the next strip. */
 void lull_exec_load(void *context, unsigned index, unsigned worker)
 {
     const lull_task *t = context;
     lull_plan *plan = t->plan;
     const lull_frame *frame = &plan->frame;
-    unsigned y = t->first + index, x = t->left, right = lull_min_u(t->right, frame->width);
+    lull_part part = lull_exec_part(t, index, t->left, t->right);
+    unsigned y = t->first + part.row, x = part.left, right = lull_min_u(part.right, frame->width);
     float *block = lull_exec_scratch(t, worker);
     unsigned tensors = plan->keeps_rows ? LULL_LOADED : 1;
     for (unsigned i = 0; y >= frame->height && i < tensors; i++) /* others: zeros since the start */
         if (lull_plan_has(plan, lull_loaded[i]))
-            memset(lull_exec_row(plan, lull_loaded[i], y), 0,
-                   (t->right - t->left) * lull_ring_pixel(&plan->ring[lull_loaded[i]]));
+            clear_part(t, lull_loaded[i], y, &part);
     if (y >= frame->height)
         return;
     if (plan->saved_width && t->begin > 0) { /* overwritten by the strips before */
@@ -297,16 +305,17 @@ static int store_modulated(const lull_task *t, float *block, unsigned x, unsigne
     return is_direct;
 }
 
-/* One row of the output image, columns [t->begin, t->end). */
+/* A part of a row of the output image. */
 void lull_exec_store(void *context, unsigned index, unsigned worker)
 {
     const lull_task *t = context;
     lull_plan *plan = t->plan;
-    unsigned y = t->first + index, last = plan->model->graph.layers;
+    lull_part part = lull_exec_part(t, index, t->begin, t->end);
+    unsigned y = t->first + part.row, last = plan->model->graph.layers;
     const uint8_t *row = lull_exec_row(plan, last, y);
     float *block = lull_exec_scratch(t, worker);
-    for (unsigned x = t->begin; x < t->end; x += LULL_BLOCK) {
-        unsigned n = lull_min_u(LULL_BLOCK, t->end - x);
+    for (unsigned x = part.left; x < part.right; x += LULL_BLOCK) {
+        unsigned n = lull_min_u(LULL_BLOCK, part.right - x);
         if (plan->model->graph.family == LULL_FAMILY_U)
             get_output(plan, block, row + (x - t->left) * lull_ring_pixel(&plan->ring[last]), n);
         else if (store_modulated(t, block, x, y, n))

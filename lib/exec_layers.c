@@ -106,11 +106,13 @@ static void conv_row(const lull_plan *plan, unsigned l, uint8_t *out, unsigned x
     }
 }
 
-unsigned lull_exec_chunks(const lull_task *t)
+lull_part lull_exec_part(const lull_task *t, unsigned index, unsigned left, unsigned right)
 {
-    unsigned level = t->plan->model->graph.layer[t->layer].level;
-    unsigned width = (t->right - t->left) >> level;
-    return (width + t->chunk - 1) / t->chunk;
+    lull_part part;
+    part.row = index % t->rows;
+    part.left = left + index / t->rows * t->chunk;
+    part.right = lull_min_u(part.left + t->chunk, right);
+    return part;
 }
 
 /* Columns [x, x+n) of row y of a convolution, pooled if it pools (x and n are before pooling). */
@@ -243,9 +245,9 @@ void lull_exec_chunk(void *context, unsigned index, unsigned worker)
 {
     const lull_task *t = context;
     const lull_layer *layer = &t->plan->model->graph.layer[t->layer];
-    unsigned chunks = lull_exec_chunks(t);
-    unsigned y = t->first + index / chunks * lull_layer_rows(layer), x = index % chunks * t->chunk;
-    unsigned n = lull_min_u(t->chunk, ((t->right - t->left) >> layer->level) - x);
+    lull_part part = lull_exec_part(t, index, 0, (t->right - t->left) >> layer->level);
+    unsigned y = t->first + part.row * lull_layer_rows(layer), x = part.left;
+    unsigned n = part.right - part.left;
     if (layer->is_winograd)
         lull_exec_winograd(t, x, y, n, worker);
     else if (lull_layer_is_conv(layer))

@@ -141,6 +141,24 @@ size_t lull_ring_left(const lull_ring *ring)
     return lull_align_up(BORDER * lull_ring_pixel(ring), LULL_ALIGN);
 }
 
+/* Pieces, at least `count`, that rows are cut in so that threads can share `rows` of them. Few
+ * threads get whole bands of columns, much the same ones in every loop. */
+static unsigned pieces(const lull_plan *plan, unsigned rows, unsigned count)
+{
+    count = lull_max_u(count, 1);
+    if (plan->threads == 1)
+        return count;
+    if (plan->threads <= FEW_THREADS)
+        return (unsigned)lull_align_up(count, plan->threads);
+    return lull_max_u(count, (2 * plan->threads + rows - 1) / rows);
+}
+
+unsigned lull_plan_band(const lull_plan *plan)
+{
+    unsigned count = plan->saved_width ? 1 : pieces(plan, plan->row_step, 1);
+    return (unsigned)lull_align_up((plan->row_width + count - 1) / count, LULL_BLOCK);
+}
+
 unsigned lull_plan_chunk(const lull_plan *plan, unsigned l)
 {
     const lull_graph *graph = &plan->model->graph;
@@ -159,9 +177,7 @@ unsigned lull_plan_chunk(const lull_plan *plan, unsigned l)
         count = (width + most - 1) / most;
         rows = lull_max_u(rows / LULL_WINOGRAD_ROWS, 1);
     }
-    if (plan->threads > 1)
-        count = lull_max_u(count, (2 * plan->threads + rows - 1) / rows);
-    count = lull_max_u(count, 1);
+    count = pieces(plan, rows, count);
     return (unsigned)lull_align_up((width + count - 1) / count, step);
 }
 
@@ -324,8 +340,7 @@ static lull_status start(lull_plan *plan, const lull_frame *frame, const lull_mo
     plan->model = model;
     plan->frame = *frame;
     plan->threads = lull_max_u(frame->threads, 1);
-    plan->keeps_rows =
-        model->graph.family == LULL_FAMILY_K && (frame->in_place || frame->streamed);
+    plan->keeps_rows = model->graph.family == LULL_FAMILY_K && (frame->in_place || frame->streamed);
     plan->width = (unsigned)lull_align_up(frame->width, align);
     plan->height = (unsigned)lull_align_up(frame->height, align);
     return LULL_OK;

@@ -71,6 +71,9 @@ int lull_plan_has(const lull_plan *plan, unsigned tensor);
 /* Rows of albedo that the first layer of the filter needs for its turn, where rows are not kept. */
 unsigned lull_plan_albedo(const lull_plan *plan);
 
+/* Columns of a task that reads or writes images. */
+unsigned lull_plan_band(const lull_plan *plan);
+
 /* Columns of a task of layer l, at its own resolution before pooling: even. */
 unsigned lull_plan_chunk(const lull_plan *plan, unsigned l);
 
