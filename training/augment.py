@@ -2,7 +2,8 @@
 
 A collage lays one scene over another through a random figure, noise of the edges included: the
 sharp, thin and irregular edges of foliage and lattices. A texture multiplies radiance and albedo
-alike, as the reflectance of a surface does, or radiance alone, as a shadow does.
+alike, as the reflectance of a surface does, or radiance alone, as a shadow does. Fireflies and hits
+are noise that the renderer of the data does not make.
 """
 from __future__ import annotations
 
@@ -29,10 +30,18 @@ class Augment:
     clean_aux: float = 0.0  # share of inputs that get the reference's aux features
     signs: float = 0.0      # share of tiles whose normals get random axis signs
     fireflies: float = 0.0  # share of hdr tiles in which single pixels become very bright
+    hits: float = 0.0       # share of hdr tiles with the noise of light that is found by chance
     collage: float = 0.0    # share of hdr tiles that show two pictures
     texture: float = 0.0    # share of hdr tiles multiplied by a texture
     drop: float = 0.0       # family K: share of tiles that lose auxiliary features
     clip: float = 0.0       # family K: share of tiles clipped at a random white (hdr only)
+
+    @classmethod
+    def of(cls, s) -> Augment:
+        """What the settings of a training ask for."""
+        return cls(s.exposure_jitter, s.average_inputs, s.blend_target, s.mix_clean_aux,
+                   s.normal_signs, s.fireflies, s.hits, s.collage, s.texture, s.drop_features,
+                   s.clip)
 
 
 def add_fireflies(radiance: np.ndarray, rng: np.random.Generator) -> None:
@@ -44,6 +53,20 @@ def add_fireflies(radiance: np.ndarray, rng: np.random.Generator) -> None:
     gain = 10 ** (rng.uniform(1, 5, (n, 1)) * rng.uniform(0.3, 1, (n, 1)))
     gain = gain * rng.uniform(0.3, 1, (n, channels))
     radiance[y, x] = np.minimum((radiance[y, x] + 0.01) * gain, color.HDR_MAX)
+
+
+def hits_by_chance(target: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """An input of mean `target`, [h,w,3], as of a renderer that does not aim at its lights: of the
+    samples of a pixel few reach one, and those carry all the light, or all but a steady share."""
+    h, w, _ = target.shape
+    f, _ = waves(h, w, rng)
+    chance = np.clip(2.0 ** (rng.uniform(-8, 0) + rng.uniform(0, 2) * f), 2.0**-9, 0.9)
+    spp = 2 ** int(rng.integers(0, 5))
+    spread = rng.uniform(0.5, 4)  # of the light of a hit: a gamma distribution's shape
+    gain = rng.gamma(spread * rng.binomial(spp, chance)) / (spp * chance * spread)
+    steady = rng.uniform(0, 0.7) * (rng.random() < 0.5)
+    light = target * (steady + (1 - steady) * gain[..., None]).astype(np.float32)
+    return np.minimum(light, np.float32(color.HDR_MAX))
 
 
 def waves(h: int, w: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:

@@ -6,6 +6,7 @@ one process sees.
 """
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from collections.abc import Callable
 
@@ -14,13 +15,15 @@ import torch
 from torch import Tensor
 
 from training import color, kernel_model
-from training.augment import DARKEST, PLAIN, SHADOW_P, Augment, add_fireflies, figure, texture
+from training.augment import DARKEST, PLAIN, SHADOW_P, Augment, add_fireflies, figure, \
+    hits_by_chance, texture
 from training.errors import DATA, ToolError
 from training.features import encode, load
 from training.scan import CHANNELS, FEATURES, Group, Scan
 
 BORDER_P, BORDER_MAX = 0.1, 15  # tiles that are cut short and zero padded, as at image borders
 WHITES = (-0.5, 2.0)            # stops by which a tile is brighter before it is clipped
+CLEANER = 16                    # samples of a target that inputs are blended towards, per theirs
 BLACK_P = 0.01                  # tiles made black: aux features alone are no light
 
 
@@ -33,6 +36,7 @@ class Picture:
     weights: list[float]  # samples per pixel of the inputs, to average them
     target: np.ndarray
     names: list[str] = field(default_factory=list)
+    target_spp: float = math.inf  # unknown: converged
 
 
 class HalfTable:
@@ -90,7 +94,7 @@ def load_group(group: Group, features: list[str], main: str, transfer: str,
                             f"{size[1]}x{size[0]}", DATA)
         inputs.append(half(images))
     return Picture(group.name, inputs, [float(v.spp or 1) for v in group.inputs], half(target),
-                   [v.name for v in group.inputs])
+                   [v.name for v in group.inputs], float(group.target.spp or math.inf))
 
 
 class Batches:
@@ -169,7 +173,10 @@ class Batches:
         aux = y[..., m:] if self.clean_aux else x[..., m:]
         stops = rng.uniform(-a.exposure, a.exposure) if hdr and a.exposure else 0.0
         average = rng.random() < a.average and len(picture.inputs) > 1
-        blend, clean = rng.random() < a.blend, rng.random() < a.clean_aux
+        spp = sum(picture.weights) if average else picture.weights[k]
+        # Never towards a target of like noise: it would teach to keep noise.
+        blend = rng.random() < a.blend and picture.target_spp >= CLEANER * spp
+        clean = rng.random() < a.clean_aux
         clip = self.family == "K" and hdr and rng.random() < a.clip
         if y.shape[-1] > m and clean:
             aux = y[..., m:]
@@ -177,17 +184,18 @@ class Batches:
             aux = np.average([v[cut][..., m:].astype(np.float32) for v in picture.inputs], 0,
                              picture.weights)
         xm, ym = x[..., :m], y[..., :m]
-        flies, collage, textured = (hdr and p > 0 and rng.random() < p
-                                    for p in (a.fireflies, a.collage, a.texture))
-        if stops or average or blend or clip or flies or collage or textured:
+        flies, hits, collage, textured = (hdr and p > 0 and rng.random() < p for p in (
+            a.fireflies, a.hits, a.collage, a.texture))
+        if stops or average or blend or clip or flies or hits or collage or textured:
             xr, yr = self.table.decode(xm), self.table.decode(ym)
             if average:
                 xr = np.average([self.table.decode(v[cut][..., :m]) for v in picture.inputs], 0,
                                 picture.weights).astype(np.float32)
             if blend:
                 xr = yr + np.float32(rng.uniform(0.2, 1.0)) * (xr - yr)
+            if hits:
+                xr = hits_by_chance(yr, rng)
             if collage:
-                spp = sum(picture.weights) if average else picture.weights[k]
                 xr, aux, yr = self.collage(xr, aux, yr, spp, clean, rng)
             if textured:
                 xr, aux, yr = self.textured(xr, aux, yr, rng)
@@ -222,9 +230,9 @@ class Batches:
         drawn[edge] = rng.binomial(count, share[edge]) / count
         share, drawn = share[..., None], drawn[..., None]
         aux_share = share if features is target else drawn
-        return (x + drawn * (gain * self.table.decode(codes[..., :m]) - x),
-                aux + aux_share * (features[..., m:] - aux.astype(np.float32)),
-                y + share * (gain * self.table.decode(target[..., :m]) - y))
+        return ((1 - drawn) * x + drawn * (gain * self.table.decode(codes[..., :m])),
+                (1 - aux_share) * aux + aux_share * features[..., m:],
+                (1 - share) * y + share * (gain * self.table.decode(target[..., :m])))
 
     def textured(self, x, aux, y, rng):
         """Radiance, features and target times a texture, of waves or of another picture's albedo;

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,8 @@ from export.quantize_kernel import KernelQuantizer, calibration_input, tensors_o
 from export.quantizer import Options, Quantizer, transfer_top
 from export.reference import float_model
 from training import color
-from training.data import Augment, Batches, Picture, from_raw
+from training.augment import Augment
+from training.data import Batches, Picture, from_raw
 from training.errors import STATE, ToolError
 from training.features import encode
 from training.imageio import replacing
@@ -135,9 +137,9 @@ def quantize_aware(result: Result, settings: Settings, pictures: list[Picture],
     model = quantize(float_tensors, s, pictures)
     family = s.get("family", "U")
     net = IntegerKernel(model, s.transfer) if family == "K" else IntegerNet(model)
-    augment = Augment(s.exposure_jitter or (1.0 if s.main_feature == "hdr" else 0.0),
-                      s.average_inputs, s.blend_target, s.mix_clean_aux, s.normal_signs,
-                      s.fireflies, s.collage, s.texture, s.drop_features, s.clip)
+    augment = Augment.of(s)
+    if s.main_feature == "hdr" and not augment.exposure:
+        augment = replace(augment, exposure=1.0)
     batches = Batches(pictures, s.features, s.main_feature, s.transfer, s.batch_size, s.tile_size,
                       s.seed + 1, augment, s.clean_aux, family=family)
 

@@ -109,6 +109,7 @@ OPTIONS = (
     _o("--mix_clean_aux", "TL", 0.0, "share of inputs with the target's features", **FLOAT),
     _o("--normal_signs", "TL", 0.0, "share of tiles with random signs of normals", **FLOAT),
     _o("--fireflies", "TL", 0.0, "share of hdr tiles with very bright single pixels", **FLOAT),
+    _o("--hits", "TL", 0.0, "share of hdr tiles with light found by chance", **FLOAT),
     _o("--collage", "TL", 0.0, "share of hdr tiles that show two pictures", **FLOAT),
     _o("--texture", "TL", 0.0, "share of hdr tiles multiplied by a random texture", **FLOAT),
     _o("--drop_features", "TL", None, "family K: share of tiles without all features", **FLOAT),

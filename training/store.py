@@ -8,6 +8,7 @@ without it is incomplete and never used. Both toolkits read each other's sets. A
 from __future__ import annotations
 
 import json
+import math
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -104,9 +105,9 @@ def read_pictures(stored: Stored, features: list[str], main: str,
             pairs = json.loads((folder / "samples.json").read_text())
             for source, target in pairs:
                 picture = pictures.setdefault(target, Picture(target, [], [], _pick(
-                    images[target], keep, at, main_count)))
+                    images[target], keep, at, main_count), target_spp=_spp(target, math.inf)))
                 picture.inputs.append(_pick(images[source], keep, at, main_count))
-                picture.weights.append(_spp(source))
+                picture.weights.append(_spp(source, 1.0))
                 picture.names.append(source)
         except (OSError, TzaError, ValueError, KeyError, IndexError) as e:
             raise ToolError(f"{folder}: damaged data set ({e})", STATE) from e
@@ -125,6 +126,6 @@ def _pick(image: np.ndarray, keep: list[int], full: int, main_count: int) -> np.
     raise ValueError(f"an image of {channels} channels where {main_count} or {full} belong")
 
 
-def _spp(name: str) -> float:
+def _spp(name: str, unknown: float) -> float:
     match = re.search(r"_(\d+)(?:spp)?(?:_s\d+)?$", name, re.I)
-    return float(match[1]) if match else 1.0
+    return float(match[1]) if match else unknown

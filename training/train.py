@@ -27,8 +27,9 @@ from pathlib import Path
 import torch
 
 from training import errors, parallel
+from training.augment import Augment
 from training.console import Bar, duration
-from training.data import Augment, Batches, Picture, from_raw, hold_out
+from training.data import Batches, Picture, from_raw, hold_out
 from training.errors import DATA, INTERRUPTED, STATE, ToolError
 from training.integer_stage import quantize_aware
 from training.loss import make_loss
@@ -192,10 +193,8 @@ def worker(settings: Settings, team: parallel.Team) -> None:
 
 def make_batches(pictures: list[Picture], settings: Settings, team: parallel.Team) -> Batches:
     s = settings
-    augment = Augment(s.exposure_jitter, s.average_inputs, s.blend_target, s.mix_clean_aux,
-                      s.normal_signs, s.fireflies, s.collage, s.texture, s.drop_features, s.clip)
     return Batches(pictures, s.features, s.main_feature, s.transfer, s.batch_size, s.tile_size,
-                   s.seed, augment, s.clean_aux, team.rank, team.world, s.family)
+                   s.seed, Augment.of(s), s.clean_aux, team.rank, team.world, s.family)
 
 
 def due(epoch: int, every: int) -> bool:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from training import color
-from training.augment import DARKEST, Augment, figure, texture, waves
+from training.augment import DARKEST, Augment, figure, hits_by_chance, texture, waves
 from training.data import Batches, Picture
 
 F = ["hdr", "alb", "nrm"]
@@ -103,3 +103,20 @@ def test_textures_multiply_radiance_and_albedo_alike():
             assert np.abs(factor / albedo - 1).max() < 0.03
             alike += 1
     assert alike > 30 and shadows > 4
+
+
+def test_hits_keep_the_mean_and_are_rare():
+    """The mean over many tiles is the target; single tiles may be mostly dark."""
+    target = np.full((64, 64, 3), (0.2, 0.4, 0.8), np.float32)
+    tiles = [hits_by_chance(target, np.random.default_rng(seed)) for seed in range(200)]
+    mean = np.mean(tiles, (0, 1, 2))
+    assert np.abs(mean / target[0, 0] - 1).max() < 0.05
+    assert sum((t == 0).mean() > 0.8 for t in tiles) > 20
+    assert all(np.isfinite(t).all() and t.min() >= 0 for t in tiles)
+
+
+def test_hits_replace_the_noise_of_the_input():
+    x, y = light(MANY, Augment(hits=1.0), 3)
+    plain, target = light(MANY, Augment(), 3)
+    assert np.abs(y - target).max() < 1e-3 and np.array_equal(x[..., 3:], plain[..., 3:])
+    assert np.std(x[..., :3]) > 0.01 > np.std(plain[..., 0])

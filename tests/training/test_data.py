@@ -1,6 +1,7 @@
 """Image files, features, preprocessed sets, batches and augmentation."""
 
 import json
+import math
 from pathlib import Path
 
 import numpy as np
@@ -342,6 +343,18 @@ def test_average_input_is_the_weighted_mean():
     x, _, _ = batches.light(p, 0, np.s_[:32, :32], np.random.default_rng(0))
     a, b = (i[:32, :32].astype(np.float32) for i in p.inputs)
     assert np.abs(x - (a + 4 * b) / 5).max() < 2e-3
+
+
+def test_inputs_move_towards_cleaner_targets_only():
+    """At 4 samples per pixel a target of 63 would teach to keep noise; one of 64 will do."""
+    p = small_pictures()[0]
+    batches = Batches([p], F, "hdr", "linear", 1, 32, 1, Augment(blend=1.0))
+    for spp, moves in ((63.0, False), (64.0, True), (math.inf, True)):
+        p.target_spp = spp
+        x, y, _ = batches.light(p, 1, np.s_[:32, :32], np.random.default_rng(0))
+        noisy_input = p.inputs[1][:32, :32, :3].astype(np.float32)
+        nearer = np.abs(x[..., :3] - y).mean() < 0.95 * np.abs(noisy_input - y).mean()
+        assert nearer == moves
 
 
 def test_noise_of_the_synthetic_data_falls_with_spp():
