@@ -17,6 +17,7 @@ from training import color
 WAVELENGTHS = (3.0, 160.0)  # pixels, of the waves that figures are made of
 LINE_WIDTHS = (0.7, 5.0)    # pixels, of figures of lines
 DARKEST = 0.03              # least factor of a texture
+FINE_P = 0.35               # textures of waves that are finer than a pixel
 SHADOW_P = 0.25             # textures that multiply the radiance alone
 
 
@@ -97,14 +98,20 @@ def figure(h: int, w: int, rng: np.random.Generator) -> np.ndarray:
     return np.clip(0.5 + distance, 0.0, 1.0)
 
 
-def texture(h: int, w: int, rng: np.random.Generator) -> np.ndarray:
-    """Factors in [DARKEST,1], [h,w,3]: two colours, blended along waves, hard or soft."""
+def texture(h: int, w: int, spp: float, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Factors in [DARKEST,1], [h,w,3], as `spp` samples see them and in truth: two colours, blended
+    along waves, hard or soft. One in three is finer than a pixel: each sample sees either colour.
+    """
     f, _ = waves(h, w, rng)
-    share = np.clip(0.5 + f * 2.0 ** rng.uniform(-2, 4), 0.0, 1.0)[..., None]
+    share = np.clip(0.5 + f * 2.0 ** rng.uniform(-2, 4), 0.0, 1.0)
+    seen = share
+    if rng.random() < FINE_P:
+        share = 0.1 + 0.8 * np.clip(0.5 + f * rng.uniform(0, 0.5), 0.0, 1.0)
+        seen = rng.binomial(max(1, round(spp)), share) / max(1, round(spp))
     a, b = DARKEST + (1 - DARKEST) * rng.random((2, 3)) ** 0.7
     if rng.random() < 0.4:  # grey
         a, b = np.full(3, a[0]), np.full(3, b[0])
-    return (a + share * (b - a)).astype(np.float32)
+    return tuple((a + s[..., None] * (b - a)).astype(np.float32) for s in (seen, share))
 
 
 PLAIN = Augment()

@@ -198,7 +198,7 @@ class Batches:
             if collage:
                 xr, aux, yr = self.collage(xr, aux, yr, spp, clean, rng)
             if textured:
-                xr, aux, yr = self.textured(xr, aux, yr, rng)
+                xr, aux, yr = self.textured(xr, aux, yr, spp, rng)
             scale, top = np.float32(2.0**stops), np.float32(color.HDR_MAX)
             xr, yr = xr * scale, yr * scale
             if flies:
@@ -234,27 +234,27 @@ class Batches:
                 (1 - aux_share) * aux + aux_share * features[..., m:],
                 (1 - share) * y + share * (gain * self.table.decode(target[..., :m])))
 
-    def textured(self, x, aux, y, rng):
+    def textured(self, x, aux, y, spp: float, rng):
         """Radiance, features and target times a texture, of waves or of another picture's albedo;
         the albedo too, unless it is a shadow."""
         h, w, m = *y.shape[:2], self.main_channels
-        t = None
-        if "alb" in self.features and rng.random() < 0.5:
+        seen = true = None
+        if "alb" in self.features and rng.random() < 0.4:
             other = self.pictures[int(rng.integers(len(self.pictures)))].target
             at = m + 3 * self.features[1:].index("alb")
             if other.shape[-1] > m:
                 y0, x0 = (int(rng.integers(0, n - s + 1)) for n, s in zip(other.shape, (h, w)))
-                t = np.maximum(other[y0:y0 + h, x0:x0 + w, at:at + 3].astype(np.float32), DARKEST)
-        if t is None:
-            t = texture(h, w, rng)
-        shadow = rng.random() < SHADOW_P
-        if shadow:
-            t = t.mean(-1, keepdims=True)
+                albedo = other[y0:y0 + h, x0:x0 + w, at:at + 3].astype(np.float32)
+                seen = true = np.maximum(albedo, DARKEST)
+        if true is None:
+            seen, true = texture(h, w, spp, rng)
+        if rng.random() < SHADOW_P:
+            seen = true = true.mean(-1, keepdims=True)
         elif "alb" in self.features:
             at = 3 * self.features[1:].index("alb")
             aux = aux.astype(np.float32)
-            aux[..., at:at + 3] *= t
-        return x * t, aux, y * t
+            aux[..., at:at + 3] *= seen
+        return x * seen, aux, y * true
 
 
 def shuffle(x: np.ndarray, y: np.ndarray, features: list[str], main: str, rng: np.random.Generator,
