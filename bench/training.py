@@ -62,14 +62,14 @@ class Stepper:
         self.plain, self.settings = plain, settings
         self.format = torch.contiguous_format if plain else torch.channels_last
         self.model = make_model(settings).to(memory_format=self.format)
-        self.optimizer = torch.optim.Adam(self.model.parameters(), settings.max_learning_rate)
+        self.optimizer = (torch.optim.Adam if plain else parallel.adam)(
+            self.model.parameters(), settings.max_learning_rate)
         self.loss_of = make_loss(settings.loss)
         self.mixed = parallel.Mixed(settings.replace(precision=precision),
                                     parallel.Team(0, 1, torch.device("cpu")))
 
     def run(self, x: Tensor, y: Tensor) -> float:
         with eager(self.plain):
-            x = x.contiguous(memory_format=self.format)
             with self.mixed.autocast():
                 loss = self.loss_of(self.model(x), y)
             self.optimizer.zero_grad(set_to_none=True)

@@ -48,7 +48,7 @@ def worker(settings: Settings, team: parallel.Team) -> None:
         raise ToolError("--num_steps: a sweep needs at least 2", USAGE)
     torch.manual_seed(settings.seed)
     model = make_model(settings).to(team.device, memory_format=torch.channels_last)
-    optimizer = torch.optim.Adam(model.parameters(), lr=settings.learning_rate)
+    optimizer = parallel.adam(model.parameters(), settings.learning_rate)
     loss_of = make_loss(settings.loss, settings.msssim_weights)
     growth = (settings.max_learning_rate / settings.learning_rate) ** (1 / (steps - 1))
     rows, smooth, best, bar = [], 0.0, math.inf, Bar(team.rank == 0)
@@ -56,7 +56,7 @@ def worker(settings: Settings, team: parallel.Team) -> None:
         rate = settings.learning_rate * growth**step
         for group in optimizer.param_groups:
             group["lr"] = rate
-        x = x.to(team.device, memory_format=torch.channels_last)
+        x = x.to(team.device)
         loss = loss_of(model(x), y.to(team.device))
         optimizer.zero_grad(set_to_none=True)
         loss.backward()

@@ -24,7 +24,7 @@ except ImportError:  # not there on Windows
 
 MODULE = "lull_fused"
 FLAGS = ["-O3", "-march=native", "-ffast-math", "-fno-finite-math-only", "-fopenmp"]
-SOURCE = Path(__file__).resolve().parent / "csrc" / "kernel_filter.cpp"
+SOURCES = Path(__file__).resolve().parent / "csrc"
 
 
 @functools.cache
@@ -39,11 +39,18 @@ def module():
         return None
 
 
+def usable(*tensors: torch.Tensor, gradients: bool = False) -> bool:
+    """Whether operations that have gradients of their inputs, or none, serve for these."""
+    return (all(t.device.type == "cpu" and (gradients or not t.requires_grad) for t in tensors)
+            and module() is not None)
+
+
 def _cache_folder() -> Path:
     """One for all checkouts with this source, by what the result depends on."""
     cpu = re.search("flags.*", Path("/proc/cpuinfo").read_text()) if sys.platform == "linux" else ""
     text = f"{torch.__version__} {sys.version} {platform.machine()} {cpu and cpu[0]} {FLAGS}"
-    key = zlib.crc32(SOURCE.read_bytes() + text.encode())
+    source = b"".join(path.read_bytes() for path in sorted(SOURCES.iterdir()))
+    key = zlib.crc32(source + text.encode())
     cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     return cache / "lull" / f"fused_{key:08x}"
 
@@ -59,8 +66,8 @@ def _load(folder: Path):
         if not library.exists():
             from torch.utils.cpp_extension import load
             with tempfile.TemporaryDirectory(dir=folder) as tmp:
-                module = load(MODULE, [str(SOURCE)], verbose=False, extra_cflags=FLAGS,
-                              build_directory=tmp)
+                module = load(MODULE, [str(SOURCES / "fused.cpp")], extra_cflags=FLAGS,
+                              build_directory=tmp, verbose=False)
                 os.replace(Path(tmp) / library.name, library)
             return module
     spec = importlib.util.spec_from_file_location(MODULE, library)

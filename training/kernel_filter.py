@@ -40,7 +40,7 @@ class Fused(torch.autograd.Function):
     def forward(ctx, radiance: Tensor, albedo: Tensor, has_albedo: Tensor, whole: bool,
                 *heads: Tensor) -> Tensor:
         heads = [q.contiguous(memory_format=torch.channels_last) for q in heads]
-        images = [t.contiguous() for t in (radiance, albedo, has_albedo)]
+        images = [planar(t) for t in (radiance, albedo, has_albedo)]
         out, tape = fused.module().filter(heads, *images, CONSTANTS, whole)
         ctx.save_for_backward(*images, tape, *heads)
         ctx.whole = whole
@@ -50,8 +50,14 @@ class Fused(torch.autograd.Function):
     def backward(ctx, g: Tensor):
         *rest, = ctx.saved_tensors
         images, tape, heads = rest[:3], rest[3], rest[4:]
-        grads = fused.module().filter_backward(heads, *images, tape, g, CONSTANTS, ctx.whole)
+        grads = fused.module().filter_backward(heads, *images, tape, planar(g), CONSTANTS,
+                                               ctx.whole)
         return None, None, None, None, *grads
+
+
+def planar(x: Tensor) -> Tensor:
+    """Images whose planes may be some of a larger tensor's."""
+    return x if x.stride()[1:] == (x.shape[2] * x.shape[3], x.shape[3], 1) else x.contiguous()
 
 
 def apply_filter(heads: list[Tensor], radiance: Tensor, albedo: Tensor,
@@ -59,8 +65,7 @@ def apply_filter(heads: list[Tensor], radiance: Tensor, albedo: Tensor,
     """Filtered radiance [N,3,H,W] from the heads by level, the radiance (exposed), the albedo, and
     where there is one (0 or 1, [N,1,H,W])."""
     images = radiance, albedo, has_albedo
-    if (radiance.device.type == "cpu" and fused.module() is not None
-            and not any(t.requires_grad for t in images)):
+    if fused.usable(*images):
         return Fused.apply(*images, True, *heads)
     return plain(heads, *images)
 

@@ -9,12 +9,15 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+import torch
 import torch.nn.functional as F
 from torch import Tensor
 
 from training import color
 from training.kernel_filter import apply_filter
-from training.kernel_net import KernelNet, mixed_input
+from training.kernel_net import KernelNet, encode
+from training.pointwise import from_codes, to_codes
+from training.trunk import arithmetic
 
 PLANES = 12     # 0-2 radiance code, 3-5 albedo, 6-8 normal code, 9-11 flags (below)
 ALIGN = 16      # of the trunk
@@ -39,21 +42,21 @@ def planes(codes: np.ndarray, features: list[str], has_albedo: bool = True,
     return out
 
 
-def run(trunk: Callable[[Tensor], list[Tensor]], transfer: str, x: Tensor) -> Tensor:
+def run(trunk: Callable[[Tensor], list[Tensor]], transfer: str, x: Tensor,
+        kind: torch.dtype = torch.float32) -> Tensor:
     """Codes [N,12,H,W] -> codes [N,3,H,W] of the filtered radiance, any height and width.
 
-    trunk: network input (codes / 255), sides multiples of 16 -> heads by level.
+    trunk: network input (codes / 255) in `kind`, sides multiples of 16 -> heads by level.
     """
-    t = color.TRANSFERS[transfer]
-    radiance = t.inverse(x[:, :3].clamp(0, 1))
-    albedo, has_albedo = x[:, 3:6], x[:, 9:10]
-    codes = mixed_input(radiance, albedo, x[:, 6:9] * 2 - 1, has_albedo, x[:, 10:11], x[:, 11:12])
+    radiance = from_codes(transfer, x[:, :3])
+    codes = encode(radiance, x, kind)
     h, w = x.shape[-2:]
-    heads = trunk(F.pad(codes, (0, -w % ALIGN, 0, -h % ALIGN)))
-    if h % ALIGN or w % ALIGN:  # padding is no part of the image for the filter
+    odd = h % ALIGN or w % ALIGN
+    heads = trunk(F.pad(codes, (0, -w % ALIGN, 0, -h % ALIGN)) if odd else codes)
+    if odd:  # padding is no part of the image for the filter
         heads = [head[..., :-(-h >> s), :-(-w >> s)] for s, head in enumerate(heads)]
-    out = apply_filter(heads, radiance, albedo, has_albedo)
-    return t.forward(out.clamp(LOWEST, color.HDR_MAX))
+    out = apply_filter(heads, radiance, x[:, 3:6], x[:, 9:10])
+    return to_codes(transfer, out, LOWEST, color.HDR_MAX)
 
 
 class KernelModel(KernelNet):
@@ -66,4 +69,4 @@ class KernelModel(KernelNet):
         self.transfer = transfer
 
     def forward(self, x: Tensor) -> Tensor:
-        return run(self.trunk, self.transfer, x)
+        return run(self.trunk, self.transfer, x, arithmetic(x))

@@ -13,7 +13,9 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from training.kernel_filter import EPS, LEVELS, RADIANCE_MAX, Round, apply_filter
+from training import fused
+from training.kernel_filter import EPS, LEVELS, RADIANCE_MAX, Round, apply_filter, planar
+from training.trunk import Conv, Trunk, usable
 
 INPUTS = 12
 LOG_GAIN, LOG_TOP = 32.0, 128.0   # radiance code: ln(1 + 32 I) / ln(1 + 32 * 128)
@@ -68,6 +70,17 @@ def mixed_input(radiance: Tensor, albedo: Tensor, normal: Tensor, has_albedo: Te
     return to_code(x)
 
 
+def encode(radiance: Tensor, x: Tensor, kind: torch.dtype = torch.float32) -> Tensor:
+    """mixed_input from the planes of kernel_model.planes and their radiance, in the given type."""
+    if fused.usable(radiance, x):
+        constants = EPS, RADIANCE_MAX, LOG_GAIN, LOG_SCALE
+        out = fused.module().encode(planar(radiance), planar(x), constants, kind == torch.bfloat16)
+    else:
+        out = mixed_input(radiance, x[:, 3:6], x[:, 6:9] * 2 - 1, x[:, 9:10], x[:, 10:11],
+                          x[:, 11:12])
+    return out.to(kind)
+
+
 class KernelNet(nn.Module):
     """The trunk and heads of a K net; `forward` filters an image with them."""
 
@@ -85,9 +98,17 @@ class KernelNet(nn.Module):
                 conv.bias.fill_(8.0)
                 conv.weight.mul_(0.3)
             self.add_module(head.name, conv)
+        self.convs = [Conv(x.name, x.source, x.skip, x.up == 2, x.pool == 2, 1)
+                      for x in net.layers] + [Conv(x.name, x.source, None, False, False, 0)
+                                              for x in heads]
 
     def trunk(self, x: Tensor) -> list[Tensor]:
         """Input codes [N,12,H,W] -> heads by level [N,C,H/2^s,W/2^s], logits before rounding."""
+        if usable(x):
+            modules = [getattr(self, conv.name) for conv in self.convs]
+            found = Trunk.apply(self.convs, x, *(p for m in modules for p in (m.weight, m.bias)))
+            levels = [head.level for head in self.heads]
+            return [found[levels.index(level)] for level in range(LEVELS)]
         values = {"input": x}
         for layer in self.net.layers:
             y = values[layer.source]

@@ -10,6 +10,9 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
+from training import fused
+from training.pointwise import L1Grad
+
 STANDARD_WEIGHTS = (0.0448, 0.2856, 0.3001, 0.2363, 0.1333)  # MS-SSIM exponents, Wang 2003
 RT_WEIGHTS = (0.2,) * 5
 TAPS, SIGMA, K1, K2 = 11, 1.5, 0.01, 0.03
@@ -36,6 +39,13 @@ def grad(a: Tensor, b: Tensor) -> Tensor:
     d = a - b
     dx, dy = d[..., :, 1:] - d[..., :, :-1], d[..., 1:, :] - d[..., :-1, :]
     return (dx.abs().sum() + dy.abs().sum()) / (dx.numel() + dy.numel())
+
+
+def l1_grad(a: Tensor, b: Tensor) -> Tensor:
+    """Half l1, half grad."""
+    if fused.usable(a, gradients=True) and fused.usable(b) and a.dtype == b.dtype:
+        return L1Grad.apply(a, b)
+    return 0.5 * l1(a, b) + 0.5 * grad(a, b)
 
 
 def _window(like: Tensor) -> Tensor:
@@ -104,7 +114,7 @@ def make_loss(name: str, msssim_weights=None) -> Callable[[Tensor, Tensor], Tens
         "ssim": lambda a, b: 1.0 - ssim_value(a, b),
         "msssim": ms,
         "l1_msssim": lambda a, b: 0.16 * l1(a, b) + 0.84 * ms(a, b),
-        "l1_grad": lambda a, b: 0.5 * l1(a, b) + 0.5 * grad(a, b),
+        "l1_grad": l1_grad,
     }
     if name not in table:
         raise ValueError(f"unknown loss '{name}' (known: {', '.join(table)})")

@@ -77,7 +77,7 @@ def worker(settings: Settings, team: parallel.Team) -> None:
         load_tensors(model, initial_weights(settings), settings.init)
     params = list(model.parameters())
     ema = [p.detach().clone() for p in params] if settings.ema > 0 else []
-    optimizer = torch.optim.Adam(params, lr=settings.learning_rate)
+    optimizer = parallel.adam(params, settings.learning_rate)
     loss_of = make_loss(settings.loss, settings.msssim_weights)
     run = parallel.compiled(model, settings, team)
     mixed = parallel.Mixed(settings, team)
@@ -123,7 +123,7 @@ def worker(settings: Settings, team: parallel.Team) -> None:
                 group["lr"], group["betas"] = rate, (beta1, group["betas"][1])
 
             # One step.
-            x = x.to(team.device, memory_format=torch.channels_last)
+            x = x.to(team.device)
             y = y.to(team.device)
             with mixed.autocast():
                 loss = loss_of(run(x), y)

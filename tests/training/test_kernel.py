@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from export import kernel, pixels
-from training import fused, kernel_filter, kernel_net, nets
+from training import kernel_filter, kernel_net, nets
 
 
 def test_sums_of_the_filter_are_their_definition():
@@ -21,70 +21,6 @@ def test_sums_of_the_filter_are_their_definition():
                 if 0 <= sy < 5 and 0 <= sx < 6:
                     expected[0, :, y, x] += np.exp(logits[0, k, y, x]) * v[0, :, sy, sx]
     np.testing.assert_allclose(out, expected, rtol=1e-12)
-
-
-@pytest.fixture
-def compiled():
-    if fused.module() is None:
-        pytest.skip("optional: no C++ compiler for the fused operations")
-
-
-def random_filter(n: int, h: int, w: int, kind: torch.dtype = torch.float):
-    """(radiance, albedo, has_albedo), heads with codes on both sides of 0 and 255."""
-    torch.manual_seed(h * w)
-    heads = [(torch.randn(n, c, -(-h >> s), -(-w >> s), dtype=kind) * 4 + 8).requires_grad_()
-             for s, c in enumerate(kernel_net.HEAD_WIDTHS)]
-    kind = torch.double if kind == torch.double else torch.float
-    images = [torch.rand(n, 3, h, w, dtype=kind) * 3 - 0.1, torch.rand(n, 3, h, w, dtype=kind),
-              (torch.rand(n, 1, h, w, dtype=kind) > 0.4).to(kind)]
-    return images, heads
-
-
-def test_gradient_of_the_fused_filter(compiled):
-    images, heads = random_filter(1, 6, 9, torch.double)
-    assert torch.autograd.gradcheck(
-        lambda *q: kernel_filter.Fused.apply(*images, False, *q), heads)
-
-
-@pytest.mark.parametrize("kind", [torch.float, torch.bfloat16], ids=str)
-@pytest.mark.parametrize("n, h, w", [(2, 32, 48), (1, 19, 21), (1, 17, 130), (1, 18, 32)])
-def test_fused_filter_equals_the_plain_one(compiled, n, h, w, kind):
-    images, heads = random_filter(n, h, w, kind)
-    g = torch.randn(n, 3, h, w)
-    out, plain = kernel_filter.apply_filter(heads, *images), kernel_filter.plain(heads, *images)
-    torch.testing.assert_close(out, plain, rtol=1e-5, atol=1e-5)
-    assert type(out.grad_fn).__name__ == "FusedBackward"
-    for level, (a, b) in enumerate(zip(torch.autograd.grad((out * g).sum(), heads),
-                                       torch.autograd.grad((plain * g).sum(), heads))):
-        largest = b.float().abs().max()
-        assert largest > 0 and a.dtype == kind
-        bound = largest * (2e-5 if kind == torch.float else 0.02)
-        assert (a.float() - b.float()).abs().max() < bound
-        clamped = (heads[level] < 0) | (heads[level] * 16 > 255)
-        assert clamped.any() and (a[clamped] == 0).all()
-
-
-def test_numbers_that_are_none_come_through(compiled):
-    """So that a training that diverges is seen to do so."""
-    images, heads = random_filter(1, 16, 16)
-    heads[0].data[0, 3, 8, 8] = torch.nan
-    out = kernel_filter.apply_filter(heads, *images)
-    assert torch.equal(out.isnan(), kernel_filter.plain(heads, *images).isnan())
-    assert out.isnan().any()
-
-
-def test_compiled_operations_are_shared_by_checkouts(compiled, tmp_path, monkeypatch):
-    """A copy of the source elsewhere finds what this one compiled; a changed one does not."""
-    folder = fused._cache_folder()
-    copy = tmp_path / "kernel_filter.cpp"
-    copy.write_bytes(fused.SOURCE.read_bytes())
-    monkeypatch.setattr(fused, "SOURCE", copy)
-    assert fused._cache_folder() == folder
-    monkeypatch.setattr("torch.utils.cpp_extension.load", None)  # not called
-    assert callable(fused._load(folder).filter)
-    assert {p.name for p in folder.iterdir()} == {"lock", "lull_fused.so"}
-    copy.write_bytes(b"// " + copy.read_bytes())
-    assert fused._cache_folder() != folder
 
 
 def test_filter_of_torch_equals_the_reference():

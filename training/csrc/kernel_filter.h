@@ -3,27 +3,20 @@
 //
 // Images are kept as planes in fp32 (or fp64, for tests) with a border of zeros; heads are read, and their
 // gradients written, as the convolutions have them: [N,H,W,C] in memory, bf16, fp32 or fp64.
-#include <torch/extension.h>
+#pragma once
 
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstring>
 #include <vector>
+
+#include "vectors.h"
 
 namespace {
 
 constexpr int kSide = 5, kRadius = 2, kTaps = kSide * kSide, kLevels = 5;
 constexpr int kConfidence = kTaps, kBlend = kTaps + 1, kAlbedo = kTaps + 2;  // channels of a head
 constexpr int kPlanes = 4;  // of what a kernel filters: a weight and three weighted colours
-
-template <typename T> constexpr int kLanes = 64 / int(sizeof(T));
-template <typename T> struct Wide {
-    typedef T Vector __attribute__((vector_size(64), aligned(sizeof(T)), may_alias));
-};
-template <typename T> using Vector = typename Wide<T>::Vector;
-template <typename T> Vector<T> load(const T *p) { return *reinterpret_cast<const Vector<T> *>(p); }
-template <typename T> void store(T *p, Vector<T> v) { *reinterpret_cast<Vector<T> *>(p) = v; }
 
 // Planes of one image, rows of whole vectors, at least kRadius pixels around them; the left border of a
 // row is the right one of the row above.
@@ -43,44 +36,68 @@ template <typename T> struct Planes {
     void clear() const { std::fill_n(base, count * size, T(0)); }
 };
 
-// exp in vectorisable form, of |x| < 80, to about 1e-6.
-inline float fast_exp(float x) {
-    const float y = x * 1.44269504f, n = std::floor(y + 0.5f), f = (y - n) * 0.693147181f;
-    const float p = 1 + f * (1 + f * (0.5f + f * (0.166666667f + f * (0.0416666667f + f * (
-        0.00833333333f + f * 0.00138888889f)))));
-    const int32_t bits = (int32_t(n) + 127) << 23;
-    float scale;
-    std::memcpy(&scale, &bits, 4);
-    return p * scale;
-}
-inline double fast_exp(double x) { return std::exp(x); }
-
-// Logits of channels k0 .. k1-1 from a row of a head: whole codes of 0..255, divided by `step`.
+// The logits of a head: whole codes of 0..255, divided by `step`.
 struct Codes {
     double step;
     bool whole;  // false: not rounded (for tests)
 
-    template <typename Q, typename T>
-    void decode(const Q *q, int64_t c, int k0, int k1, int64_t w, T *to, int64_t stride) const {
-        const T gain = T(step), top = 255, inverse = T(1 / step);
-        for (int k = k0; k < k1; k++, to += stride) {
-            for (int64_t x = 0; x < w; x++)
-                to[x] = T(q[x * c + k]);
-            for (int64_t x = 0; x < w; x++) {
-                const T v = std::min(std::max(to[x] * gain, T(0)), top);
-                to[x] = (whole ? std::floor(v + T(0.5)) : v) * inverse;
-            }
-        }
+    // V: a number or a vector of them. Comparisons let NaN through.
+    template <typename T, typename V> V logit(V q) const {
+        V v = q * T(step);
+        v = v < 0 ? V() : v;
+        v = v > 255 ? V() + 255 : v;
+        return (whole ? rounded<T>(v) : v) * T(1 / step);
+    }
+    template <typename T> static T rounded(T v) { return std::floor(v + T(0.5)); }
+    template <typename T> static Vector<T> rounded(Vector<T> v) {
+        const auto code = __builtin_convertvector(v + T(0.5), Vector<Index<T>>);
+        return v != v ? v : __builtin_convertvector(code, Vector<T>);
     }
 
-    // Gradients of the channels; they pass where the code was not clamped.
+    // The gradient g of a channel passes where its code was not clamped.
+    template <typename T, typename V> V passed(V q, V g) const {
+        const V v = q * T(step);
+        return v < 0 ? V() : v > 255 ? V() : g;
+    }
+
+    // Kernel weights of a row of w pixels, from the first of their logits to planar rows.
     template <typename Q, typename T>
-    void encode(const Q *q, int64_t c, int k0, int k1, int64_t w, const T *from, int64_t stride,
-                Q *gq) const {
-        for (int k = k0; k < k1; k++, from += stride)
-            for (int64_t x = 0; x < w; x++) {
-                const T v = T(q[x * c + k]) * T(step);
-                gq[x * c + k] = Q(v >= 0 && v <= 255 ? from[x] : T(0));
+    void weights(const Q *q, int64_t c, int64_t w, T *to, int64_t stride) const {
+        constexpr int lanes = kLanes<T>;
+        Vector<T> m[lanes];
+        for (int64_t x = 0; x < w; x += lanes)
+            for (int k = 0; k < kTaps; k += lanes) {
+                const int first = std::min(k, kTaps - lanes);
+#pragma GCC unroll 16
+                for (int i = 0; i < lanes; i++) {
+                    const Q *from = q + std::min(x + i, w - 1) * c + first;
+                    m[i] = fast_exp(logit<T>(read<T>(from)));
+                }
+                transpose<T>(m);
+#pragma GCC unroll 16
+                for (int i = 0; i < lanes; i++)
+                    store(to + (first + i) * stride + x, m[i]);
+            }
+    }
+
+    // The way of `weights` backwards.
+    template <typename Q, typename T>
+    void gradients(const Q *q, int64_t c, int64_t w, const T *from, int64_t stride, Q *gq) const {
+        constexpr int lanes = kLanes<T>;
+        Vector<T> m[lanes];
+        for (int64_t x = 0; x < w; x += lanes)
+            for (int k = 0; k < kTaps; k += lanes) {
+                const int first = std::min(k, kTaps - lanes);
+#pragma GCC unroll 16
+                for (int i = 0; i < lanes; i++)
+                    m[i] = load(from + (first + i) * stride + x);
+                transpose<T>(m);
+#pragma GCC unroll 16
+                for (int i = 0; i < lanes; i++)
+                    if (x + i < w) {
+                        const int64_t at = (x + i) * c + first;
+                        write<T>(gq + at, passed<T>(read<T>(q + at), m[i]));
+                    }
             }
     }
 };
@@ -230,15 +247,19 @@ struct Constants {
     double eps, radiance_max, confidence, blend;  // the last two are added to the logits
 };
 
-// The batch as it comes: heads and their gradients, and images by their first element.
+// Planar images, so many elements apart.
+template <typename T> struct Pictures {
+    const T *base;
+    int64_t batch;
+};
+
+// The batch as it comes.
 template <typename Q, typename T> struct Batch {
     std::array<const Q *, kLevels> heads;
     std::array<Q *, kLevels> gradients;
     std::array<int64_t, kLevels> channels;
-    const T *radiance, *has;
-    const T *albedo;
+    Pictures<T> radiance, albedo, has, gout;
     T *out;
-    const T *gout;
 };
 
 template <typename Q, typename T> struct Image {
@@ -258,22 +279,29 @@ template <typename Q, typename T> struct Image {
         const Planes<T> &p = t.levels[level].v;
         return (n * p.h + y) * p.w * b.channels[level];
     }
-    void decode(int level, int64_t y, int first, int count, T *to) const {
-        k.codes.decode(b.heads[level] + at(level, y), b.channels[level], first, first + count,
-                       t.levels[level].v.w, to, stride(level));
-    }
-    void encode(int level, int64_t y, int first, int count, const T *from) const {
-        k.codes.encode(b.heads[level] + at(level, y), b.channels[level], first, first + count,
-                       t.levels[level].v.w, from, stride(level), b.gradients[level] + at(level, y));
-    }
     void weights(int level, int64_t y, int first, T *to) const {
-        decode(level, y, first, kTaps, to);
-        for (int i = 0; i < kTaps; i++, to += stride(level))
-            for (int64_t x = 0; x < t.levels[level].v.w; x++)
-                to[x] = fast_exp(to[x]);
+        k.codes.weights(b.heads[level] + at(level, y) + first, b.channels[level],
+                        t.levels[level].v.w, to, stride(level));
     }
-    const T *plane(const T *images, int channels, int c, int64_t y) const {
-        return images + ((n * channels + c) * h + y) * w;
+    void weights_backward(int level, int64_t y, int first, const T *from) const {
+        const int64_t q = at(level, y) + first;
+        k.codes.gradients(b.heads[level] + q, b.channels[level], t.levels[level].v.w, from,
+                          stride(level), b.gradients[level] + q);
+    }
+    // One channel.
+    void logits(int level, int64_t y, int channel, T *to) const {
+        const Q *q = b.heads[level] + at(level, y) + channel;
+        for (int64_t x = 0; x < t.levels[level].v.w; x++)
+            to[x] = k.codes.template logit<T>(T(q[x * b.channels[level]]));
+    }
+    void logits_backward(int level, int64_t y, int channel, const T *from) const {
+        const int64_t q = at(level, y) + channel, c = b.channels[level];
+        for (int64_t x = 0; x < t.levels[level].v.w; x++)
+            b.gradients[level][q + x * c] =
+                Q(k.codes.template passed<T>(T(b.heads[level][q + x * c]), from[x]));
+    }
+    const T *plane(const Pictures<T> &images, int c, int64_t y) const {
+        return images.base + n * images.batch + (c * h + y) * w;
     }
 
     // v of level 0: the radiance over the smoothed albedo.
@@ -282,14 +310,14 @@ template <typename Q, typename T> struct Image {
         for (int64_t y = 0; y < h; y++) {
             std::fill_n(t.albedo.row(0, y), w, T(1));
             for (int c = 0; c < 3; c++)
-                std::copy_n(plane(b.albedo, 3, c, y), w, t.albedo.row(c + 1, y));
+                std::copy_n(plane(b.albedo, c, y), w, t.albedo.row(c + 1, y));
         }
         for (int64_t y = 0; y < h; y++) {
             weights(0, y, kAlbedo, row(0));
             filter_row(row(0), stride(0), t.albedo, t.sums, y);
-            const T *has = plane(b.has, 1, 0, y), *sum = t.sums.row(0, y);
+            const T *has = plane(b.has, 0, y), *sum = t.sums.row(0, y);
             for (int c = 0; c < 3; c++) {
-                const T *s = t.sums.row(c + 1, y), *r = plane(b.radiance, 3, c, y);
+                const T *s = t.sums.row(c + 1, y), *r = plane(b.radiance, c, y);
                 T *smooth = t.smooth.row(c, y), *i = t.levels[0].v.row(c + 1, y);
                 for (int64_t x = 0; x < w; x++) {
                     smooth[x] = has[x] * s[x] / sum[x] + T(1 - k.eps) * (1 - has[x]) + T(k.eps);
@@ -303,11 +331,12 @@ template <typename Q, typename T> struct Image {
     void filter(int level) {
         Level<T> &l = t.levels[level];
         for (int64_t y = 0; y < l.v.h; y++) {
-            T *logits = row(0), *c = l.v.row(0, y), *beta = l.beta.row(0, y);
-            decode(level, y, kConfidence, 2, logits);
+            T *c = l.v.row(0, y), *beta = l.beta.row(0, y);
+            logits(level, y, kConfidence, c);
+            logits(level, y, kBlend, beta);
             for (int64_t x = 0; x < l.v.w; x++) {
-                c[x] = fast_exp(logits[x] + T(k.confidence));
-                beta[x] = 1 / (1 + fast_exp(-(logits[stride(level) + x] + T(k.blend))));
+                c[x] = fast_exp(c[x] + T(k.confidence));
+                beta[x] = 1 / (1 + fast_exp(-(beta[x] + T(k.blend))));
             }
             for (int j = 1; j < kPlanes; j++) {
                 T *i = l.v.row(j, y);
@@ -405,7 +434,7 @@ template <typename Q, typename T> struct Image {
                     gu[x] = g[x] * beta[x];
                 u.down(c, y, l.v.w);
             }
-            encode(level, y, kBlend, 1, logit);
+            logits_backward(level, y, kBlend, logit);
         }
     }
 
@@ -417,7 +446,7 @@ template <typename Q, typename T> struct Image {
             if (y < l.v.h) {
                 weights(level, y, 0, e);
                 logits_row(e, stride(level), l.v, l.gs, y, row(kSide));
-                encode(level, y, 0, kTaps, row(kSide));
+                weights_backward(level, y, 0, row(kSide));
             }
             if (y < kRadius)
                 continue;
@@ -475,7 +504,7 @@ template <typename Q, typename T> struct Image {
                     g[x] *= c[x];
                 }
             }
-            encode(level, y, kConfidence, 1, logit);
+            logits_backward(level, y, kConfidence, logit);
         }
     }
 
@@ -484,7 +513,7 @@ template <typename Q, typename T> struct Image {
         const Level<T> &l = t.levels[0];
         t.gsums.clear();
         for (int64_t y = 0; y < h; y++) {
-            const T *has = plane(b.has, 1, 0, y), *sum = t.sums.row(0, y), *cc = l.v.row(0, y);
+            const T *has = plane(b.has, 0, y), *sum = t.sums.row(0, y), *cc = l.v.row(0, y);
             T *gsum = t.gsums.row(0, y);
             for (int c = 0; c < 3; c++) {
                 const T *s = t.sums.row(c + 1, y), *smooth = t.smooth.row(c, y);
@@ -498,7 +527,7 @@ template <typename Q, typename T> struct Image {
             }
             weights(0, y, kAlbedo, row(0));
             logits_row(row(0), stride(0), t.albedo, t.gsums, y, row(1));
-            encode(0, y, kAlbedo, kTaps, row(1));
+            weights_backward(0, y, kAlbedo, row(1));
         }
     }
 
@@ -507,7 +536,7 @@ template <typename Q, typename T> struct Image {
             t.levels[level].gout.clear();
         for (int c = 0; c < 3; c++)
             for (int64_t y = 0; y < h; y++) {
-                const T *g = plane(b.gout, 3, c, y), *smooth = t.smooth.row(c, y);
+                const T *g = plane(b.gout, c, y), *smooth = t.smooth.row(c, y);
                 const T *out = t.levels[0].out.row(c, y);
                 T *gout = t.levels[0].gout.row(c, y), *gsmooth = t.gsmooth.row(c, y);
                 for (int64_t x = 0; x < w; x++) {
@@ -527,84 +556,4 @@ template <typename Q, typename T> struct Image {
     }
 };
 
-// Heads of any type; images and the tape in the type of the arithmetic.
-template <typename Q> using Arithmetic = std::conditional_t<std::is_same_v<Q, double>, double, float>;
-
-template <typename Q>
-auto batch(const std::vector<torch::Tensor> &heads, const torch::Tensor &radiance,
-           const torch::Tensor &albedo, const torch::Tensor &has) {
-    using T = Arithmetic<Q>;
-    Batch<Q, T> b{};
-    int64_t h = radiance.size(2), w = radiance.size(3);
-    TORCH_CHECK(heads.size() == kLevels, "five heads");
-    for (int i = 0; i < kLevels; i++, h = (h + 1) / 2, w = (w + 1) / 2) {
-        const torch::Tensor &q = heads[i];
-        TORCH_CHECK(q.is_contiguous(at::MemoryFormat::ChannelsLast) && q.size(2) == h && q.size(3) == w &&
-                        q.size(0) == radiance.size(0) && q.size(1) == (i ? kAlbedo : kAlbedo + kTaps),
-                    "head ", i, " does not fit");
-        b.heads[i] = q.data_ptr<Q>();
-        b.channels[i] = q.size(1);
-    }
-    for (const torch::Tensor *image : {&radiance, &albedo, &has})
-        TORCH_CHECK(image->is_contiguous(), "images are contiguous");
-    b.radiance = radiance.data_ptr<T>();
-    b.albedo = albedo.data_ptr<T>();
-    b.has = has.data_ptr<T>();
-    return b;
-}
-
-template <typename Q, typename F>
-void for_images(const Batch<Q, Arithmetic<Q>> &b, const Constants &k, const torch::Tensor &radiance,
-                torch::Tensor kept, F f) {
-    using T = Arithmetic<Q>;
-    at::parallel_for(0, radiance.size(0), 1, [&](int64_t begin, int64_t end) {
-        Tape<T> tape(radiance.size(2), radiance.size(3));
-        std::vector<T> work(tape.size);
-        for (int64_t n = begin; n < end; n++) {
-            tape.place(kept.data_ptr<T>() + n * tape.kept, work.data());
-            f(Image<Q, T>(b, k, tape, n));
-        }
-    });
-}
-
 }  // namespace
-
-// {result, tape}
-std::vector<torch::Tensor> filter(std::vector<torch::Tensor> heads, torch::Tensor radiance,
-                                   torch::Tensor albedo, torch::Tensor has,
-                                   std::array<double, 5> constants, bool whole) {
-    const Constants k{{constants[0], whole}, constants[1], constants[2], constants[3], constants[4]};
-    torch::Tensor out = torch::empty_like(radiance), kept;
-    AT_DISPATCH_FLOATING_TYPES_AND(at::kBFloat16, heads[0].scalar_type(), "filter", [&] {
-        using T = Arithmetic<scalar_t>;
-        auto b = batch<scalar_t>(heads, radiance, albedo, has);
-        b.out = out.data_ptr<T>();
-        kept = torch::empty({out.size(0), Tape<T>(out.size(2), out.size(3)).kept}, out.options());
-        for_images<scalar_t>(b, k, radiance, kept, [](auto image) { image.forward(); });
-    });
-    return {out, kept};
-}
-
-// Gradients of the heads.
-std::vector<torch::Tensor> filter_backward(std::vector<torch::Tensor> heads, torch::Tensor radiance,
-                                    torch::Tensor albedo, torch::Tensor has, torch::Tensor kept,
-                                    torch::Tensor gout, std::array<double, 5> constants, bool whole) {
-    const Constants k{{constants[0], whole}, constants[1], constants[2], constants[3], constants[4]};
-    std::vector<torch::Tensor> gradients;
-    for (const torch::Tensor &q : heads)
-        gradients.push_back(torch::empty_like(q));
-    gout = gout.contiguous();
-    AT_DISPATCH_FLOATING_TYPES_AND(at::kBFloat16, heads[0].scalar_type(), "filter_backward", [&] {
-        auto b = batch<scalar_t>(heads, radiance, albedo, has);
-        b.gout = gout.data_ptr<Arithmetic<scalar_t>>();
-        for (int i = 0; i < kLevels; i++)
-            b.gradients[i] = gradients[i].data_ptr<scalar_t>();
-        for_images<scalar_t>(b, k, radiance, kept, [](auto image) { image.backward(); });
-    });
-    return gradients;
-}
-
-PYBIND11_MODULE(TORCH_EXTENSION_NAME, m) {
-    m.def("filter", &filter);
-    m.def("filter_backward", &filter_backward);
-}

@@ -1,0 +1,177 @@
+"""The fused operations of training/csrc against the chains of PyTorch's that they replace."""
+from __future__ import annotations
+
+import shutil
+
+import numpy as np
+import pytest
+import torch
+
+from training import color, fused, kernel_filter, kernel_net, loss, nets, pointwise
+
+
+@pytest.fixture(autouse=True)
+def compiled():
+    if fused.module() is None:
+        pytest.skip("optional: no C++ compiler for the fused operations")
+
+
+@pytest.fixture
+def both(monkeypatch):
+    """f -> (what it returns with the fused operations, what without)."""
+    def run(f):
+        ours = f()
+        with monkeypatch.context() as m:
+            m.setattr(fused, "module", lambda: None)
+            return ours, f()
+    return run
+
+
+def close(a: torch.Tensor, b: torch.Tensor, share: float) -> None:
+    """Different by at most a share of the largest value."""
+    assert a.shape == b.shape and a.dtype == b.dtype
+    largest = b.abs().max()
+    assert largest > 0 and (a - b).abs().max() <= share * largest
+
+
+def test_compiled_operations_are_shared_by_checkouts(tmp_path, monkeypatch):
+    """A copy of the sources elsewhere finds what this one compiled; a changed one does not."""
+    folder = fused._cache_folder()
+    copy = tmp_path / "csrc"
+    shutil.copytree(fused.SOURCES, copy)
+    monkeypatch.setattr(fused, "SOURCES", copy)
+    assert fused._cache_folder() == folder
+    monkeypatch.setattr("torch.utils.cpp_extension.load", None)  # not called
+    assert callable(fused._load(folder).filter)
+    assert {p.name for p in folder.iterdir()} == {"lock", "lull_fused.so"}
+    (copy / "trunk.h").write_bytes(b"// " + (copy / "trunk.h").read_bytes())
+    assert fused._cache_folder() != folder
+
+
+def random_filter(n: int, h: int, w: int, kind: torch.dtype = torch.float):
+    """(radiance, albedo, has_albedo), heads with codes on both sides of 0 and 255."""
+    torch.manual_seed(h * w)
+    heads = [(torch.randn(n, c, -(-h >> s), -(-w >> s), dtype=kind) * 4 + 8).requires_grad_()
+             for s, c in enumerate(kernel_net.HEAD_WIDTHS)]
+    kind = torch.double if kind == torch.double else torch.float
+    images = [torch.rand(n, 3, h, w, dtype=kind) * 3 - 0.1, torch.rand(n, 3, h, w, dtype=kind),
+              (torch.rand(n, 1, h, w, dtype=kind) > 0.4).to(kind)]
+    return images, heads
+
+
+def test_gradient_of_the_filter():
+    images, heads = random_filter(1, 6, 9, torch.double)
+    assert torch.autograd.gradcheck(
+        lambda *q: kernel_filter.Fused.apply(*images, False, *q), heads)
+
+
+@pytest.mark.parametrize("kind", [torch.float, torch.bfloat16], ids=str)
+@pytest.mark.parametrize("n, h, w", [(2, 32, 48), (1, 19, 21), (1, 17, 130), (1, 18, 32)])
+def test_filter(both, n, h, w, kind):
+    images, heads = random_filter(n, h, w, kind)
+    g = torch.randn(n, 3, h, w)
+
+    def run():
+        out = kernel_filter.apply_filter(heads, *images)
+        return out, torch.autograd.grad((out * g).sum(), heads)
+
+    (out, grads), (plain, plain_grads) = both(run)
+    assert type(out.grad_fn).__name__ == "FusedBackward"
+    torch.testing.assert_close(out, plain, rtol=1e-5, atol=1e-5)
+    for q, a, b in zip(heads, grads, plain_grads):
+        close(a, b, 2e-5 if kind == torch.float else 0.02)
+        clamped = (q < 0) | (q * 16 > 255)
+        assert clamped.any() and (a[clamped] == 0).all()
+
+
+def test_numbers_that_are_none_come_through(both):
+    """So that a training that diverges is seen to do so."""
+    images, heads = random_filter(1, 16, 16)
+    heads[0].data[0, 3, 8, 8] = torch.nan
+    out, plain = both(lambda: kernel_filter.apply_filter(heads, *images))
+    assert out.isnan().any() and torch.equal(out.isnan(), plain.isnan())
+    a, b = torch.zeros(1, 3, 8, 9), torch.zeros(1, 3, 8, 9)
+    a[0, 1, 2, 3] = torch.nan
+    assert loss.l1_grad(a, b).isnan()
+    assert pointwise.to_codes("pu", a, 1e-6, 65504.0).isnan().sum() == 1
+
+
+@pytest.mark.parametrize("kind", [torch.float, torch.bfloat16, torch.double], ids=str)
+@pytest.mark.parametrize("model", ["k8", "k12", "k16"])  # widths on both sides of a vector's lanes
+def test_trunk(both, model, kind):
+    torch.manual_seed(1)
+    low = kind == torch.bfloat16
+    net = nets.build(model, 0).to(torch.float if low else kind)
+    x = torch.rand(2, 12, 32, 48, dtype=torch.float if low else kind, requires_grad=True)
+    to = [torch.randn(2, c, 32 >> s, 48 >> s) for s, c in enumerate(kernel_net.HEAD_WIDTHS)]
+
+    def run():
+        with torch.autocast("cpu", torch.bfloat16, enabled=low):
+            heads = net.trunk(x)
+        total = sum((q * t).sum() for q, t in zip(heads, to))
+        return heads, torch.autograd.grad(total, [x, *net.parameters()])
+
+    (heads, grads), (plain, plain_grads) = both(run)
+    assert type(heads[0].grad_fn).__name__ == "TrunkBackward"
+    share = {torch.double: 1e-12, torch.float: 1e-5, torch.bfloat16: 0.03}[kind]
+    for a, b in zip((*heads, *grads), (*plain, *plain_grads), strict=True):
+        close(a, b, share)
+
+
+def test_pooling_gives_its_gradient_to_the_first_of_equal_pixels():
+    ops, kind = fused.module(), {"memory_format": torch.channels_last}
+    y = torch.randint(0, 3, (2, 20, 8, 12)).float().contiguous(**kind).requires_grad_()
+    g = torch.randn(2, 20, 4, 6).contiguous(**kind)
+    pooled = torch.nn.functional.max_pool2d(y, 2)
+    expected, = torch.autograd.grad(pooled, y, g)
+    y = y.detach()
+    assert torch.equal(ops.pool(y), pooled)
+    assert torch.equal(ops.relu_backward(y, True, [g], [0]), torch.where(y > 0, expected, 0.0))
+
+
+def test_pu(both):
+    edges = [0.0, 1e-7, 1e-6, 65504.0, 1e5, color.PU_Y0, color.PU_Y1]
+    torch.manual_seed(2)
+    y = torch.cat([torch.exp(torch.randn(5003) * 4), torch.tensor(edges)]).requires_grad_()
+
+    def run():
+        out = pointwise.to_codes("pu", y, 1e-6, 65504.0)
+        return out, torch.autograd.grad(out.sum(), y)[0]
+
+    (out, slope), (plain, plain_slope) = both(run)
+    torch.testing.assert_close(out, plain, rtol=1e-5, atol=1e-6)
+    inside = ~torch.isin(y.detach(), torch.tensor(edges))
+    torch.testing.assert_close(slope[inside], plain_slope[inside], rtol=1e-5, atol=0)
+    assert (slope[y < 1e-6] == 0).all() and (slope[y > 65504] == 0).all()
+    codes = torch.linspace(-0.1, 1.1, 7001)
+    torch.testing.assert_close(*both(lambda: pointwise.from_codes("pu", codes)), rtol=1e-5, atol=0)
+    y = (torch.rand(3, 7, dtype=torch.double) * 0.05 + 0.001).requires_grad_()
+    assert torch.autograd.gradcheck(lambda v: pointwise.PuForward.apply(v, 1e-6, 65504.0), y)
+
+
+@pytest.mark.parametrize("shape", [(2, 3, 16, 32), (2, 3, 7, 21), (1, 3, 1, 5), (1, 1, 5, 1)])
+def test_l1_grad(both, shape):
+    torch.manual_seed(3)
+    a, b = torch.randn(shape).requires_grad_(), torch.randn(shape)
+    b[..., 0] = a.detach()[..., 0]
+
+    def run():
+        value = loss.l1_grad(a, b)
+        return value, torch.autograd.grad(3 * value, a)[0]
+
+    ours, plain = both(run)
+    torch.testing.assert_close(ours[0], plain[0], rtol=1e-6, atol=0)
+    torch.testing.assert_close(ours[1], plain[1], rtol=1e-5, atol=1e-9)
+    a, b = a.detach().double().requires_grad_(), torch.randn(shape, dtype=torch.double)
+    assert torch.autograd.gradcheck(lambda v: pointwise.L1Grad.apply(v, b), a)
+
+
+@pytest.mark.parametrize("kind", [torch.float, torch.bfloat16], ids=str)
+def test_codes_of_the_input(both, kind):
+    torch.manual_seed(4)
+    x = torch.rand(2, 12, 33, 21) * 1.2
+    x[:, 9:] = (x[:, 9:] > 0.5).float()
+    radiance = torch.exp(torch.randn(2, 3, 33, 21) * 4)
+    ours, plain = both(lambda: kernel_net.encode(radiance, x, kind).float().numpy() * 255)
+    assert np.abs(ours - plain).max() <= 1.001  # rounding of single codes
+    assert (np.abs(ours - plain) < 1e-4).mean() > 0.999
