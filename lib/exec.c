@@ -146,7 +146,7 @@ static void exposure_task(void *context, unsigned index, unsigned worker)
     lull_exposure_row *rows = (lull_exposure_row *)(void *)((uint8_t *)t->plan + plan->exposure);
     (void)worker;
     lull_exposure_bin_row(&rows[index], &t->images->color, plan->frame.width, plan->frame.height,
-                          index);
+                          index, plan->model->kernels.luminance);
 }
 
 static float choose_scale(lull_task *t, const lull_host *host)

@@ -28,9 +28,10 @@ lull_content_rule lull_exec_content(const lull_frame *frame);
 /* Image number `feature`: 0 colour, 1 albedo, 2 normal. */
 const lull_image *lull_exec_feature(const lull_images *images, unsigned feature);
 
-/* Pixel 0 of row y of a tensor, for writing; and pixel x of an fp32 one. */
+/* Pixel 0 of row y of a tensor, for writing; pixel x of an fp32 one; floats from plane to plane. */
 uint8_t *lull_exec_row(const lull_plan *plan, unsigned tensor, unsigned y);
 float *lull_exec_floats(const lull_plan *plan, unsigned tensor, unsigned y, unsigned x);
+size_t lull_exec_plane(const lull_plan *plan, unsigned tensor);
 
 /* Row y of a tensor for reading; rows outside are zeros. */
 const uint8_t *lull_exec_source(const lull_plan *plan, unsigned tensor, int y);

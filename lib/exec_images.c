@@ -140,7 +140,8 @@ static void load_albedo(const lull_task *t, const float *albedo, unsigned x, uns
 {
     if (albedo && lull_plan_has(t->plan, LULL_TENSOR_ALBEDO))
         t->plan->model->kernels.spread(
-            lull_exec_floats(t->plan, LULL_TENSOR_ALBEDO, y, x - t->left), albedo, n);
+            lull_exec_floats(t->plan, LULL_TENSOR_ALBEDO, y, x - t->left),
+            lull_exec_plane(t->plan, LULL_TENSOR_ALBEDO), albedo, n);
 }
 
 /* The same for family K: codes, and radiance and albedo if they are kept from now on. */
@@ -170,9 +171,11 @@ float *lull_exec_scratch(const lull_task *t, unsigned worker)
 /* Zeros in the columns of a part of row y of a tensor. */
 static void clear_part(const lull_task *t, unsigned tensor, unsigned y, const lull_part *part)
 {
-    size_t pixel = lull_ring_pixel(&t->plan->ring[tensor]);
-    memset(lull_exec_row(t->plan, tensor, y) + (part->left - t->left) * pixel, 0,
-           (part->right - part->left) * pixel);
+    const lull_ring *ring = &t->plan->ring[tensor];
+    size_t pixel = lull_ring_pixel(ring);
+    uint8_t *row = lull_exec_row(t->plan, tensor, y) + (part->left - t->left) * pixel;
+    for (unsigned i = 0; i < (ring->plane_units ? ring->channels : 1); i++)
+        memset(row + i * lull_ring_plane(ring), 0, (part->right - part->left) * pixel);
 }
 
 void lull_exec_spread(void *context, unsigned index, unsigned worker)
@@ -201,15 +204,18 @@ static void keep_columns(const lull_task *t, unsigned y, unsigned column, int is
     unsigned columns = lull_min_u(plan->saved_width, column);
     uint8_t *saved = (uint8_t *)plan + plan->saved;
     for (unsigned i = 0; i < LULL_LOADED; i++) {
-        size_t pixel, at;
+        const lull_ring *ring = &plan->ring[lull_loaded[i]];
+        size_t pixel = lull_ring_pixel(ring), kept = plan->saved_width * pixel;
+        unsigned planes = ring->plane_units ? ring->channels : 1;
         uint8_t *row;
         if (!lull_plan_has(plan, lull_loaded[i]))
             continue;
-        pixel = lull_ring_pixel(&plan->ring[lull_loaded[i]]);
         row = lull_exec_row(plan, lull_loaded[i], y) + (column - t->left) * pixel;
-        at = ((size_t)y + 1) * plan->saved_width * pixel; /* the end of row y's */
-        copy_before(is_store ? saved + at : row, is_store ? row : saved + at, columns * pixel);
-        saved += (size_t)plan->frame.height * plan->saved_width * pixel;
+        for (unsigned p = 0; p < planes; p++, row += lull_ring_plane(ring)) {
+            uint8_t *end = saved + ((size_t)y * planes + p + 1) * kept;
+            copy_before(is_store ? end : row, is_store ? row : end, columns * pixel);
+        }
+        saved += plan->frame.height * planes * kept;
     }
 }
 
@@ -295,13 +301,14 @@ static int store_modulated(const lull_task *t, float *block, unsigned x, unsigne
 {
     const lull_plan *plan = t->plan;
     const lull_graph *graph = &plan->model->graph;
-    const float *v = lull_exec_floats(plan, graph->layers, y, x - t->left);
-    const float *smooth =
-        lull_exec_floats(plan, lull_graph_find(graph, LULL_OP_SMOOTH, 0), y, x - t->left);
+    unsigned smooth = lull_graph_find(graph, LULL_OP_SMOOTH, 0);
     float *to = lull_image_floats(&t->images->output, plan->frame.width, x, y - t->base_row);
     int is_direct = to && lull_exec_content(&plan->frame).is_hdr;
     float unscale = is_direct ? unscale_of(plan) : 1.0f;
-    plan->model->kernels.modulate(is_direct ? to : block, v, smooth, unscale, 3 * (size_t)n);
+    plan->model->kernels.modulate(
+        is_direct ? to : block, lull_exec_floats(plan, graph->layers, y, x - t->left),
+        lull_exec_plane(plan, graph->layers), lull_exec_floats(plan, smooth, y, x - t->left),
+        lull_exec_plane(plan, smooth), unscale, n);
     return is_direct;
 }
 

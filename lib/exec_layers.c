@@ -12,8 +12,13 @@ uint8_t *lull_exec_row(const lull_plan *plan, unsigned tensor, unsigned y)
 
 float *lull_exec_floats(const lull_plan *plan, unsigned tensor, unsigned y, unsigned x)
 {
-    return (float *)(void *)lull_exec_row(plan, tensor, y) +
-           (size_t)x * plan->ring[tensor].channels;
+    size_t at = x * lull_ring_pixel(&plan->ring[tensor]);
+    return (float *)(void *)(lull_exec_row(plan, tensor, y) + at);
+}
+
+size_t lull_exec_plane(const lull_plan *plan, unsigned tensor)
+{
+    return lull_ring_plane(&plan->ring[tensor]) / sizeof(float);
 }
 
 const uint8_t *lull_exec_source(const lull_plan *plan, unsigned tensor, int y)
@@ -138,29 +143,49 @@ static void make_conv(const lull_task *t, unsigned x, unsigned y, unsigned n, un
                                       (const float *)(const void *)below, layer->outputs, n / 2);
 }
 
-/* The five rows around row y of a tensor of 4-vectors, at column x. */
-static void five_rows(const lull_plan *plan, const float **rows, unsigned tensor, unsigned y,
-                      unsigned x)
+/* Codes of the blend weights that the filter keeps beside its result, at pixel x. */
+static uint8_t *blend_codes(const lull_plan *plan, unsigned tensor, unsigned y, unsigned x)
 {
+    const lull_ring *ring = &plan->ring[tensor];
+    return lull_exec_row(plan, tensor, y) - lull_ring_left(ring) +
+           ring->channels * lull_ring_plane(ring) + x;
+}
+
+/* 5x5 means of n pixels of the layer's first source, from column x on. */
+static void make_means(const lull_task *t, unsigned x, unsigned y, unsigned n, float more,
+                       float none, const uint8_t *codes, size_t step)
+{
+    const lull_plan *plan = t->plan;
+    unsigned source = plan->model->graph.layer[t->layer].source[0];
+    lull_window window;
     for (int dy = 0; dy < 5; dy++)
-        rows[dy] = (const float *)(const void *)lull_exec_source(plan, tensor, (int)y + dy - 2) +
-                   4 * (size_t)x;
+        window.rows[dy] =
+            (const float *)(const void *)lull_exec_source(plan, source, (int)y + dy - 2) + x;
+    window.plane = lull_exec_plane(plan, source);
+    window.out = lull_exec_floats(plan, t->layer + 1, y, x);
+    window.out_plane = lull_exec_plane(plan, t->layer + 1);
+    window.codes = codes;
+    window.code_step = step;
+    window.table = plan->model->weight_table;
+    window.more = more;
+    window.none = none;
+    window.pixels = n;
+    plan->model->kernels.filter5(&window);
 }
 
 static void make_smooth(const lull_task *t, unsigned x, unsigned y, unsigned n,
                         const uint8_t *codes, size_t step, unsigned worker)
 {
-    (void)worker;
-    const lull_layer *layer = &t->plan->model->graph.layer[t->layer];
     float *out = lull_exec_floats(t->plan, t->layer + 1, y, x);
-    const float *rows[5];
+    size_t plane = lull_exec_plane(t->plan, t->layer + 1);
+    (void)worker;
     if (t->plan->frame.features & LULL_HAS_COLOR && t->plan->frame.features & LULL_HAS_ALBEDO) {
-        five_rows(t->plan, rows, layer->source[0], y, x);
-        lull_filter_smooth(out, t->plan->model, rows, codes, step, n);
+        make_means(t, x, y, n, LULL_FILTER_EPSILON, 1.0f, codes + LULL_HEAD_ALBEDO, step);
         return;
     }
-    for (unsigned i = 0; i < 3 * n; i++)
-        out[i] = 1.0f;
+    for (unsigned c = 0; c < 3; c++)
+        for (unsigned i = 0; i < n; i++)
+            out[c * plane + i] = 1.0f;
 }
 
 static void make_demodulated(const lull_task *t, unsigned x, unsigned y, unsigned n,
@@ -172,40 +197,45 @@ static void make_demodulated(const lull_task *t, unsigned x, unsigned y, unsigne
     unsigned inside = y < plan->frame.height && x < width ? lull_min_u(width - x, n) : 0;
     float *out = lull_exec_floats(plan, t->layer + 1, y, x);
     const float *smooth = lull_exec_floats(plan, layer->source[1], y, x);
+    size_t plane = lull_exec_plane(plan, t->layer + 1);
     for (unsigned done = 0; done < inside; done += LULL_BLOCK) {
         unsigned count = lull_min_u(LULL_BLOCK, inside - done);
         lull_encoding from;
         lull_exec_radiance(&from, t, lull_exec_scratch(t, worker), t->left + x + done, y, count);
-        lull_filter_demodulate(out + 4 * (size_t)done, plan->model, &from,
-                               smooth + 3 * (size_t)done, codes + done * step, step, count);
+        plan->model->kernels.demodulate(
+            out + done, plane, &from, smooth + done, lull_exec_plane(plan, layer->source[1]),
+            codes + done * step, step, plan->model->weight_table, count);
     }
-    memset(out + 4 * (size_t)inside, 0, 4 * (size_t)(n - inside) * sizeof *out);
+    for (unsigned c = 0; c < 4; c++)
+        memset(out + c * plane + inside, 0, (size_t)(n - inside) * sizeof *out);
 }
 
 static void make_pooled(const lull_task *t, unsigned x, unsigned y, unsigned n,
                         const uint8_t *codes, size_t step, unsigned worker)
 {
+    const lull_plan *plan = t->plan;
+    unsigned source = plan->model->graph.layer[t->layer].source[0];
     (void)worker;
-    unsigned source = t->plan->model->graph.layer[t->layer].source[0];
-    lull_filter_pool(lull_exec_floats(t->plan, t->layer + 1, y, x), t->plan->model,
-                     lull_exec_floats(t->plan, source, 2 * y, 2 * x),
-                     lull_exec_floats(t->plan, source, 2 * y + 1, 2 * x), codes, step, n);
+    plan->model->kernels.shrink(
+        lull_exec_floats(plan, t->layer + 1, y, x), lull_exec_plane(plan, t->layer + 1),
+        lull_exec_floats(plan, source, 2 * y, 2 * x),
+        lull_exec_floats(plan, source, 2 * y + 1, 2 * x), lull_exec_plane(plan, source), codes,
+        step, plan->model->weight_table, n);
 }
 
 static void make_filtered(const lull_task *t, unsigned x, unsigned y, unsigned n,
                           const uint8_t *codes, size_t step, unsigned worker)
 {
+    uint8_t *kept = blend_codes(t->plan, t->layer + 1, y, x);
     (void)worker;
-    const float *rows[5];
-    five_rows(t->plan, rows, t->plan->model->graph.layer[t->layer].source[0], y, x);
-    lull_filter_apply(lull_exec_floats(t->plan, t->layer + 1, y, x), t->plan->model, rows, codes,
-                      step, n);
+    make_means(t, x, y, n, 0.0f, 0.0f, codes, step);
+    for (unsigned i = 0; i < n; i++)
+        kept[i] = codes[i * step + LULL_HEAD_BLEND];
 }
 
 static void make_blended(const lull_task *t, unsigned x, unsigned y, unsigned n,
                          const uint8_t *codes, size_t step, unsigned worker)
 {
-    (void)worker;
     const lull_plan *plan = t->plan;
     const lull_layer *layer = &plan->model->graph.layer[t->layer];
     unsigned level = layer->level + 1u, tensor = layer->source[1];
@@ -213,16 +243,23 @@ static void make_blended(const lull_task *t, unsigned x, unsigned y, unsigned n,
                                                                           */
     unsigned right = (plan->frame.width + (1u << level) - 1) >> level;
     unsigned row = y / 2, beside = y & 1 ? row + 1 : row == 0 ? 0 : row - 1;
-    lull_coarse coarse;
+    lull_blending blending;
     (void)codes;
     (void)step;
-    coarse.near = lull_exec_floats(plan, tensor, lull_min_u(row, bottom - 1), x / 2);
-    coarse.far = lull_exec_floats(plan, tensor, lull_min_u(beside, bottom - 1), x / 2);
-    coarse.first = -(int)(x / 2);
-    coarse.last =
-        (int)(lull_min_u(right, t->right >> level) - 1 - (t->left >> level)) - (int)(x / 2);
-    lull_filter_blend(lull_exec_floats(plan, t->layer + 1, y, x), plan->model, layer->outputs,
-                      lull_exec_floats(plan, layer->source[0], y, x), &coarse, n);
+    (void)worker;
+    blending.out = lull_exec_floats(plan, t->layer + 1, y, x);
+    blending.out_plane = lull_exec_plane(plan, t->layer + 1);
+    blending.fine = lull_exec_floats(plan, layer->source[0], y, x);
+    blending.fine_plane = lull_exec_plane(plan, layer->source[0]);
+    blending.near = lull_exec_floats(plan, tensor, lull_min_u(row, bottom - 1), x / 2);
+    blending.far = lull_exec_floats(plan, tensor, lull_min_u(beside, bottom - 1), x / 2);
+    blending.coarse_plane = lull_exec_plane(plan, tensor);
+    blending.codes = blend_codes(plan, layer->source[0], y, x);
+    blending.table = plan->model->blend_table;
+    blending.pairs = 0;
+    lull_filter_blend(
+        &plan->model->kernels, &blending, -(int)(x / 2),
+        (int)(lull_min_u(right, t->right >> level) - 1 - (t->left >> level)) - (int)(x / 2), n);
 }
 
 /* Columns [x, x+n) of row y of a layer of the filter; its codes are those of the last head it

@@ -14,8 +14,11 @@ typedef struct lull_exposure_row {
     uint32_t bins; /* bins counted */
 } lull_exposure_row;
 
+/* The kernel `luminance` (kernels.h). */
+typedef void lull_luminance(float *sums, const float *pixels, unsigned n);
+
 void lull_exposure_bin_row(lull_exposure_row *result, const lull_image *color, unsigned width,
-                           unsigned height, unsigned row);
+                           unsigned height, unsigned row, lull_luminance *luminance);
 
 /* The scale from all the rows: 0.18 / 2^mean; 1 if no bin counted; 0 if the mean is infinite. */
 float lull_exposure_scale(const lull_exposure_row *rows, unsigned n);

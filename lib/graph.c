@@ -274,12 +274,12 @@ static lull_status add_filters(lull_graph *graph)
         if (s > 0)
             v = add_filter(graph, LULL_OP_POOL, s, 4, (unsigned[]){v, head[s], LULL_TENSOR_NONE},
                            pool);
-        filtered[s] = add_filter(graph, LULL_OP_FILTER, s, 4,
+        filtered[s] = add_filter(graph, LULL_OP_FILTER, s, 3,
                                  (unsigned[]){v, head[s], LULL_TENSOR_NONE}, smooth);
     }
     result = filtered[K_LEVELS - 1];
     for (unsigned s = K_LEVELS - 1; s-- > 0;)
-        result = add_filter(graph, LULL_OP_BLEND, s, s ? 4 : 3,
+        result = add_filter(graph, LULL_OP_BLEND, s, 3,
                             (unsigned[]){filtered[s], result, LULL_TENSOR_NONE}, blend);
     return result == LULL_TENSOR_NONE ? LULL_ERROR_NETWORK : LULL_OK;
 }
@@ -368,6 +368,15 @@ lull_status lull_graph_build(lull_graph *graph, const lull_tza *tza)
         (graph->layer[graph->layers - 1].outputs < 3 || graph->inputs > 9 || graph->inputs % 3))
         return LULL_ERROR_NETWORK;
     return LULL_OK;
+}
+
+int lull_graph_planes(const lull_graph *graph, unsigned tensor)
+{
+    unsigned op;
+    if (tensor == LULL_TENSOR_ALBEDO)
+        return 1;
+    op = tensor >= 1 && tensor <= graph->layers ? graph->layer[tensor - 1].op : LULL_OP_CONV;
+    return op == LULL_OP_FILTER ? 2 : op > LULL_OP_HEAD;
 }
 
 uint64_t lull_graph_macs_per_pixel(const lull_graph *graph)

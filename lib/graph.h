@@ -32,8 +32,8 @@ typedef enum lull_op {
     LULL_OP_DEMODULATE, /* radiance, smooth, head: (confidence, confidence * demodulated radiance)
                          */
     LULL_OP_POOL,       /* the same of the next level, head of that level */
-    LULL_OP_FILTER,     /* it, head: filtered radiance and blend weight (r,g,b,beta) */
-    LULL_OP_BLEND       /* it, coarser result: result (r,g,b) */
+    LULL_OP_FILTER, /* it, head: filtered radiance (r,g,b), and the codes of the blend weights */
+    LULL_OP_BLEND   /* it, coarser result: result (r,g,b) */
 } lull_op;
 
 /* Rows of a source that row y of a layer sees. */
@@ -90,6 +90,10 @@ const char *lull_layer_name(const lull_layer *layer);
 unsigned lull_graph_channels(const lull_graph *graph, unsigned tensor);
 unsigned lull_graph_level(const lull_graph *graph, unsigned tensor);
 lull_dtype lull_graph_dtype(const lull_graph *graph, unsigned tensor);
+
+/* 1 if rows of the tensor are planes, one for each channel: those of the filter's layers and the
+ * albedo; other rows interleave the channels. 2 if a plane of bytes follows. */
+int lull_graph_planes(const lull_graph *graph, unsigned tensor);
 
 /* 1 if the layer has weights. */
 int lull_layer_is_conv(const lull_layer *layer);

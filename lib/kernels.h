@@ -47,18 +47,19 @@ typedef struct lull_conv {
     int32_t out_max;
     int is_small; /* integer only: no |a| is above 2^24, and no multiplier has more than 24
                    * significant bits (ports may take it or leave it) */
-    float least; /* fp32 only: 0, or -LULL_FLT_MAX for the sums as they are */
+    float least;  /* fp32 only: 0, or -LULL_FLT_MAX for the sums as they are */
     unsigned outputs, pixels, segments;
     lull_segment segment[LULL_MAX_SEGMENTS];
 } lull_conv;
 
 /* The rest is of family K (docs/kernel-prediction.md), fp32 in the order written and without
- * contraction: bit-equal on every port. Pixels of rows hold 4 floats unless said otherwise.
+ * contraction: bit-equal on every port. Rows of its tensors are planes, one for each channel,
+ * `plane` floats apart; images are interleaved, 3 floats a pixel.
  * `table`: E(q); table[q] is the rounded product table[q | 15] * table[q | 240].
  *
- * filter5: S[c] = sum over k = 0..24, in that order, of
- *     table[codes[p * code_step + k]] * rows[k / 5][4 (p + k % 5 - 2) + c];
- *     out[4 p + c] = S[0] > 0 ? S[c + 1] / S[0] : 0 for c = 0, 1, 2, and out[4 p + 3] = S[0].
+ * filter5: with S[c] = sum over k = 0..24, in that order, of
+ *     table[codes[p * code_step + k]] * rows[k / 5][c * plane + p + k % 5 - 2],
+ *     out[c * out_plane + p] = S[0] > 0 ? S[c + 1] / S[0] + more : none, for c = 0, 1, 2.
  *
  * lull_encoding: 3 floats a pixel as they are in the caller's image. Radiance counts as
  *     R = S(radiance, scale, 0, most), albedo as S(albedo, 1, 0, 1), normals as
@@ -67,17 +68,23 @@ typedef struct lull_conv {
  *
  * encode: 12 codes a pixel. The last three codes are the bytes of `flags`, the lowest first.
  *
- * spread: out = (1, albedo) of a pixel, sanitised as above.
+ * spread: planes (1, albedo), sanitised as above.
  *
- * demodulate: C = table[codes[p * code_step]]; out = (C, C (R / smooth), ...); smooth has 3 floats
- *     a pixel.
+ * demodulate: with C = table[codes[p * code_step + LULL_HEAD_CONFIDENCE]], planes (C, C (R /
+ *     smooth), ...); smooth has 3 planes, smooth_plane apart.
  *
- * blend: pixels 2 i and 2 i + 1 of `filtered` (r,g,b,beta) lie on pixel i of two coarse rows, whose
+ * shrink: planes (C, C mean, ...), C as above; mean: the sum over the 2x2 pixels below of planes 1
+ *     to 3 by that of plane 0, each ((above left + right) + below left) + right. Zeros where the
+ *     latter is 0.
+ *
+ * blend: pixels 2 i and 2 i + 1 of `fine` (3 planes) lie on pixel i of two coarse rows, whose
  *     pixels i - 1 and i + 1 are there, too. With here = 0.75 near + 0.25 far of coarse pixel i,
- *     there = the same of i - 1 or i + 1: out = filtered + beta ((0.75 here + 0.25 there) -
- *     filtered), `channels` floats a pixel: 3, or 4 of which the last is 0.
+ *     there = the same of i - 1 or i + 1: out = fine + beta ((0.75 here + 0.25 there) - fine), beta
+ *     = table[codes[pixel]]. `table`: any 256 floats.
  *
- * modulate: out = S(v * smooth, 1, 0, FLT_MAX) * unscale, for n floats. */
+ * modulate: out = S(v * smooth, 1, 0, FLT_MAX) * unscale; out is an image.
+ *
+ * luminance: sums[p] += (0.212671 r + 0.715160 g) + 0.072169 b, of S(r, 1, 0, FLT_MAX) etc. */
 #define LULL_RADIANCE_MAX 65504.0f
 #define LULL_FILTER_EPSILON 0.02f
 #define LULL_LARGEST 3.402823466e38f /* FLT_MAX */
@@ -89,6 +96,29 @@ typedef struct lull_encoding {
     float scale, most;
     uint32_t flags;
 } lull_encoding;
+
+/* Channels of a head after the 25 logits of the radiance kernel. */
+enum { LULL_HEAD_CONFIDENCE = 25, LULL_HEAD_BLEND = 26, LULL_HEAD_ALBEDO = 27 };
+
+typedef struct lull_window {
+    float *out;
+    const float *rows[5];
+    size_t out_plane, plane; /* floats from plane to plane */
+    const uint8_t *codes;
+    size_t code_step;
+    const float *table;
+    float more, none;
+    unsigned pixels;
+} lull_window;
+
+typedef struct lull_blending {
+    float *out;
+    const float *fine, *near, *far;
+    size_t out_plane, fine_plane, coarse_plane;
+    const uint8_t *codes;
+    const float *table;
+    unsigned pairs;
+} lull_blending;
 
 typedef struct lull_kernels {
     unsigned block_f32; /* output channels a weight block holds, fp32 */

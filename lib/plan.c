@@ -97,7 +97,8 @@ static unsigned rows_alive(const lull_plan *plan, unsigned tensor)
 
 static void grow_ring(lull_plan *plan, unsigned tensor)
 {
-    plan->ring[tensor].rows = lull_max_u(plan->ring[tensor].rows, rows_alive(plan, tensor));
+    plan->ring[tensor].rows =
+        (uint16_t)lull_max_u(plan->ring[tensor].rows, rows_alive(plan, tensor));
 }
 
 /* Plays the whole frame through and sets the rows of every ring, and the delay. */
@@ -133,6 +134,14 @@ static void play(lull_plan *plan)
 
 size_t lull_ring_pixel(const lull_ring *ring)
 {
+    return (ring->plane_units ? 1 : ring->channels) * lull_dtype_bytes((lull_dtype)ring->dtype);
+}
+
+size_t lull_ring_plane(const lull_ring *ring) { return (size_t)ring->plane_units * LULL_ALIGN; }
+
+size_t lull_plan_pixel(const lull_plan *plan, unsigned tensor)
+{
+    const lull_ring *ring = &plan->ring[tensor];
     return ring->channels * lull_dtype_bytes((lull_dtype)ring->dtype);
 }
 
@@ -205,17 +214,24 @@ static size_t layout_rings(lull_plan *plan, size_t *total)
     size_t longest = 0;
     for (unsigned t = 0; t < LULL_TENSORS; t++) {
         lull_ring *ring = &plan->ring[t];
-        size_t pixel, row;
+        size_t row, width;
+        int planes = lull_graph_planes(graph, t);
         if (!lull_plan_has(plan, t))
             continue;
         ring->dtype = (uint8_t)lull_graph_dtype(graph, t);
         ring->channels = (uint16_t)lull_graph_channels(graph, t);
         ring->level = (uint8_t)lull_graph_level(graph, t);
-        pixel = lull_ring_pixel(ring);
+        ring->plane_units = planes != 0; /* set below; lull_ring_pixel asks whether it is 0 */
+        width = plan->row_width >> ring->level;
         row = lull_align_up(lull_ring_left(ring) + ROW_SLACK +
-                                pixel * ((plan->row_width >> ring->level) + BORDER),
+                                lull_ring_pixel(ring) * (width + BORDER),
                             LULL_ALIGN);
         row |= LULL_ALIGN; /* an odd number of lines: rows fall into different cache sets */
+        if (planes) {
+            ring->plane_units = (uint16_t)(row / LULL_ALIGN);
+            row = row * ring->channels + (planes > 1 ? lull_align_up(width, LULL_ALIGN) : 0);
+            row |= LULL_ALIGN;
+        }
         ring->row_units = (uint32_t)(row / LULL_ALIGN);
         ring->offset = (uint32_t)(lull_append(total, row * ring->rows) / LULL_ALIGN);
         longest = longest > row ? longest : row;
@@ -251,7 +267,7 @@ static void layout(lull_plan *plan)
     plan->saved_width = plan->frame.in_place && plan->strips > 1 ? graph->margin : 0;
     for (unsigned i = 0; i < LULL_LOADED; i++)
         if (lull_plan_has(plan, lull_loaded[i]))
-            saved += lull_ring_pixel(&plan->ring[lull_loaded[i]]);
+            saved += lull_plan_pixel(plan, lull_loaded[i]);
     plan->saved = lull_append(&total, saved * plan->frame.height * plan->saved_width);
     plan->bytes = total;
 }

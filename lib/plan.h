@@ -13,16 +13,21 @@
 #include "pack.h"
 
 /* Rows of a tensor, kept in a ring. A row is `left` bytes of zero border, the pixels, and more
- * zeros; row y is at offset + (y % rows) * row length + left. */
+ * zeros; row y is at offset + (y % rows) * row length + left. If the tensor has planes, that is its
+ * first plane, and each of the others follows lull_ring_plane bytes later. */
 typedef struct lull_ring {
     uint32_t offset;    /* in units of LULL_ALIGN bytes */
     uint32_t row_units; /* length of a row, likewise */
-    uint32_t rows;
+    uint16_t rows;
+    uint16_t plane_units; /* from plane to plane, likewise; 0: channels are interleaved */
     uint16_t channels;
     uint8_t level, dtype; /* lull_dtype */
 } lull_ring;
 
-/* Bytes of a pixel. */
+/* Bytes from plane to plane; 0 if channels are interleaved. */
+size_t lull_ring_plane(const lull_ring *ring);
+
+/* Bytes from pixel to pixel: of all channels, or of one where they are planes. */
 size_t lull_ring_pixel(const lull_ring *ring);
 
 /* Bytes before pixel 0 of a row: one pixel of zero border, aligned. */
@@ -64,6 +69,9 @@ struct lull_plan {
     unsigned done[LULL_TENSORS];
     lull_ring ring[LULL_TENSORS];
 };
+
+/* Bytes of all channels of a pixel of a tensor. */
+size_t lull_plan_pixel(const lull_plan *plan, unsigned tensor);
 
 /* 1 if the model's network makes this tensor. */
 int lull_plan_has(const lull_plan *plan, unsigned tensor);

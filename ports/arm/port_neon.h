@@ -13,7 +13,6 @@ void lull_pool_f32_neon(float *out, const float *above, const float *below, unsi
                         unsigned pixels);
 void lull_pool_u8_neon(uint8_t *out, const uint8_t *above, const uint8_t *below, unsigned channels,
                        unsigned pixels);
-void lull_filter5_neon(float *out, const float *const *rows, const uint8_t *codes, size_t code_step,
-                       const float *table, unsigned pixels);
+void lull_filter5_neon(const lull_window *window);
 
 #endif

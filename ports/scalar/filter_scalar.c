@@ -35,44 +35,75 @@ void lull_encode_scalar(uint8_t *codes, const lull_encoding *from, unsigned pixe
     }
 }
 
-void lull_spread_scalar(float *out, const float *albedo, unsigned pixels)
+void lull_spread_scalar(float *out, size_t plane, const float *albedo, unsigned pixels)
 {
-    for (size_t i = 0; i < pixels; i++, out += 4, albedo += 3) {
-        out[0] = 1.0f;
+    for (size_t i = 0; i < pixels; i++, albedo += 3) {
+        out[i] = 1.0f;
         for (size_t c = 0; c < 3; c++)
-            out[1 + c] = lull_sane(albedo[c], 1.0f, 0.0f, 1.0f);
+            out[(1 + c) * plane + i] = lull_sane(albedo[c], 1.0f, 0.0f, 1.0f);
     }
 }
 
-void lull_demodulate_scalar(float *out, const lull_encoding *from, const float *smooth,
-                            const uint8_t *codes, size_t code_step, const float *table,
-                            unsigned pixels)
+void lull_demodulate_scalar(float *out, size_t plane, const lull_encoding *from,
+                            const float *smooth, size_t smooth_plane, const uint8_t *codes,
+                            size_t code_step, const float *table, unsigned pixels)
 {
-    for (size_t i = 0; i < pixels; i++, out += 4) {
-        out[0] = table[codes[i * code_step]];
-        for (size_t at = 3 * i, c = 0; c < 3; at++, c++)
-            out[1 + c] = out[0] * (radiance_at(from, at) / smooth[at]);
+    for (size_t i = 0; i < pixels; i++) {
+        float confidence = table[codes[i * code_step + LULL_HEAD_CONFIDENCE]];
+        out[i] = confidence;
+        for (size_t c = 0; c < 3; c++)
+            out[(1 + c) * plane + i] =
+                confidence * (radiance_at(from, 3 * i + c) / smooth[c * smooth_plane + i]);
     }
 }
 
-void lull_blend_scalar(float *out, unsigned channels, const float *filtered, const float *near,
-                       const float *far, unsigned pairs)
+void lull_shrink_scalar(float *out, size_t out_plane, const float *above, const float *below,
+                        size_t plane, const uint8_t *codes, size_t code_step, const float *table,
+                        unsigned pixels)
 {
-    for (size_t i = 0; i < 2 * (size_t)pairs; i++, out += channels, filtered += 4) {
-        ptrdiff_t at = 4 * (ptrdiff_t)(i / 2), beside = i & 1 ? at + 4 : at - 4;
-        for (int c = 0; c < 3; c++) {
-            float here = 0.75f * near[at + c] + 0.25f * far[at + c];
-            float there = 0.75f * near[beside + c] + 0.25f * far[beside + c];
-            float up = 0.75f * here + 0.25f * there;
-            out[c] = filtered[c] + filtered[3] * (up - filtered[c]);
+    for (size_t i = 0; i < pixels; i++) {
+        const float *a = above + 2 * i, *b = below + 2 * i;
+        float weight = ((a[0] + a[1]) + b[0]) + b[1];
+        float confidence = table[codes[i * code_step + LULL_HEAD_CONFIDENCE]];
+        out[i] = weight > 0.0f ? confidence : 0.0f;
+        for (size_t c = 1; c < 4; c++) {
+            float sum = ((a[c * plane] + a[c * plane + 1]) + b[c * plane]) + b[c * plane + 1];
+            out[c * out_plane + i] = weight > 0.0f ? confidence * (sum / weight) : 0.0f;
         }
-        if (channels == 4)
-            out[3] = 0.0f;
     }
 }
 
-void lull_modulate_scalar(float *out, const float *v, const float *smooth, float unscale, size_t n)
+void lull_blend_scalar(const lull_blending *b)
 {
-    for (size_t i = 0; i < n; i++)
-        out[i] = lull_sane(v[i] * smooth[i], 1.0f, 0.0f, LULL_LARGEST) * unscale;
+    for (size_t c = 0; c < 3; c++) {
+        const float *near = b->near + c * b->coarse_plane, *far = b->far + c * b->coarse_plane;
+        for (size_t i = 0; i < 2 * (size_t)b->pairs; i++) {
+            ptrdiff_t at = (ptrdiff_t)(i / 2), beside = i & 1 ? at + 1 : at - 1;
+            float fine = b->fine[c * b->fine_plane + i];
+            float here = 0.75f * near[at] + 0.25f * far[at];
+            float there = 0.75f * near[beside] + 0.25f * far[beside];
+            float up = 0.75f * here + 0.25f * there;
+            b->out[c * b->out_plane + i] = fine + b->table[b->codes[i]] * (up - fine);
+        }
+    }
+}
+
+void lull_modulate_scalar(float *out, const float *v, size_t plane, const float *smooth,
+                          size_t smooth_plane, float unscale, unsigned pixels)
+{
+    for (size_t i = 0; i < pixels; i++, out += 3)
+        for (size_t c = 0; c < 3; c++)
+            out[c] = lull_sane(v[c * plane + i] * smooth[c * smooth_plane + i], 1.0f, 0.0f,
+                               LULL_LARGEST) *
+                     unscale;
+}
+
+void lull_luminance_scalar(float *sums, const float *pixels, unsigned n)
+{
+    for (unsigned i = 0; i < n; i++, pixels += 3) {
+        float v[3];
+        for (unsigned c = 0; c < 3; c++)
+            v[c] = lull_sane(pixels[c], 1.0f, 0.0f, LULL_LARGEST);
+        sums[i] += (0.212671f * v[0] + 0.715160f * v[1]) + 0.072169f * v[2];
+    }
 }

@@ -16,6 +16,8 @@ void lull_port_scalar(lull_kernels *kernels)
     kernels->encode = lull_encode_scalar;
     kernels->spread = lull_spread_scalar;
     kernels->demodulate = lull_demodulate_scalar;
+    kernels->shrink = lull_shrink_scalar;
     kernels->blend = lull_blend_scalar;
     kernels->modulate = lull_modulate_scalar;
+    kernels->luminance = lull_luminance_scalar;
 }

@@ -15,15 +15,18 @@ void lull_conv_int_scalar(const lull_conv *conv);
 void lull_conv_int3_scalar(const lull_conv *conv);
 void lull_pool_u8_scalar(uint8_t *out, const uint8_t *above, const uint8_t *below,
                          unsigned channels, unsigned pixels);
-void lull_filter5_scalar(float *out, const float *const *rows, const uint8_t *codes,
-                         size_t code_step, const float *table, unsigned pixels);
+void lull_filter5_scalar(const lull_window *window);
 void lull_encode_scalar(uint8_t *codes, const lull_encoding *from, unsigned pixels);
-void lull_spread_scalar(float *out, const float *albedo, unsigned pixels);
-void lull_demodulate_scalar(float *out, const lull_encoding *from, const float *smooth,
-                            const uint8_t *codes, size_t code_step, const float *table,
-                            unsigned pixels);
-void lull_blend_scalar(float *out, unsigned channels, const float *filtered, const float *near,
-                       const float *far, unsigned pairs);
-void lull_modulate_scalar(float *out, const float *v, const float *smooth, float unscale, size_t n);
+void lull_spread_scalar(float *out, size_t plane, const float *albedo, unsigned pixels);
+void lull_demodulate_scalar(float *out, size_t plane, const lull_encoding *from,
+                         const float *smooth, size_t smooth_plane, const uint8_t *codes,
+                         size_t code_step, const float *table, unsigned pixels);
+void lull_shrink_scalar(float *out, size_t out_plane, const float *above, const float *below,
+                     size_t plane, const uint8_t *codes, size_t code_step, const float *table,
+                     unsigned pixels);
+void lull_blend_scalar(const lull_blending *blending);
+void lull_modulate_scalar(float *out, const float *v, size_t plane, const float *smooth,
+                       size_t smooth_plane, float unscale, unsigned pixels);
+void lull_luminance_scalar(float *sums, const float *pixels, unsigned n);
 
 #endif

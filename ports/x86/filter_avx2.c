@@ -1,283 +1,177 @@
-/* The filter of family K beside its 5x5 sums: products and sums are rounded one by one, as in the
- * definition. */
+/* Family K's filter with vectors of 8. */
 #include "port_avx2.h"
 
-/* ---- Codes ----------------------------------------------------------------------------------- */
+#define NAME(op) lull_##op##_avx2
+#if LULL_X86_ASM
+#define TIE(a, b, c, d, e) __asm__("" : "+x"(a), "+x"(b), "+x"(c), "+x"(d), "+x"(e))
+#else
+#define TIE(a, b, c, d, e) (void)0
+#endif
+#define LANES 8u
+typedef __m256 vec;
+typedef __m256i ivec;
 
-#define VALUES 24u /* of 8 pixels */
-
-/* v + 0.5 as codes: cut, and at most 255. */
-LULL_INLINE __m256i to_codes(__m256 v)
+/* The first n lanes. */
+LULL_INLINE ivec first_lanes(unsigned n)
 {
-    v = _mm256_add_ps(v, _mm256_set1_ps(0.5f));
-    return _mm256_cvttps_epi32(_mm256_min_ps(v, _mm256_set1_ps(255.0f)));
+    static const int32_t lanes[16] = {-1, -1, -1, -1, -1, -1, -1, -1};
+    return _mm256_loadu_si256((const __m256i *)(const void *)(lanes + LANES - n));
+}
+LULL_INLINE vec set(float v) { return _mm256_set1_ps(v); }
+LULL_INLINE vec load_n(const float *p, unsigned n)
+{
+    return n == LANES ? _mm256_loadu_ps(p)
+           : n        ? _mm256_maskload_ps(p, first_lanes(n))
+                      : _mm256_setzero_ps();
+}
+LULL_INLINE void store_n(float *p, vec v, unsigned n)
+{
+    if (n == LANES)
+        _mm256_storeu_ps(p, v);
+    else if (n)
+        _mm256_maskstore_ps(p, first_lanes(n), v);
+}
+LULL_INLINE vec add(vec a, vec b) { return _mm256_add_ps(a, b); }
+LULL_INLINE vec sub(vec a, vec b) { return _mm256_sub_ps(a, b); }
+LULL_INLINE vec mul(vec a, vec b) { return _mm256_mul_ps(a, b); }
+LULL_INLINE vec quotient(vec a, vec b) { return _mm256_div_ps(a, b); }
+LULL_INLINE vec low(vec a, vec b) { return _mm256_min_ps(a, b); }
+LULL_INLINE vec high(vec a, vec b) { return _mm256_max_ps(a, b); }
+LULL_INLINE ivec ints(vec v) { return _mm256_castps_si256(v); }
+LULL_INLINE vec floats(ivec v) { return _mm256_castsi256_ps(v); }
+LULL_INLINE vec above(vec v, int least)
+{
+    return _mm256_and_ps(v, floats(_mm256_cmpgt_epi32(ints(v), _mm256_set1_epi32(least))));
+}
+LULL_INLINE vec select(vec if_positive, vec v, vec other)
+{
+    return _mm256_blendv_ps(other, v, _mm256_cmp_ps(if_positive, _mm256_setzero_ps(), _CMP_GT_OQ));
+}
+LULL_INLINE ivec whole(vec v) { return _mm256_cvttps_epi32(v); }
+LULL_INLINE vec number(ivec v) { return _mm256_cvtepi32_ps(v); }
+LULL_INLINE ivec set_int(int v) { return _mm256_set1_epi32(v); }
+LULL_INLINE ivec sub_int(ivec a, ivec b) { return _mm256_sub_epi32(a, b); }
+LULL_INLINE ivec or_int(ivec a, ivec b) { return _mm256_or_si256(a, b); }
+#define shift_left(v, n) _mm256_slli_epi32(v, n)
+#define shift_right(v, n) _mm256_srli_epi32(v, n)
+#define shift_sign(v, n) _mm256_srai_epi32(v, n)
+LULL_INLINE vec is_number(vec v) { return _mm256_and_ps(v, _mm256_cmp_ps(v, v, _CMP_ORD_Q)); }
+
+/* Works within 128 bits, hence the order of lanes before and after. */
+LULL_INLINE vec in_fours(vec v)
+{
+    return _mm256_castpd_ps(_mm256_permute4x64_pd(_mm256_castps_pd(v), 0xd8));
 }
 
-/* 24 codes to bytes. */
-LULL_INLINE void put_codes(uint8_t *out, __m256i a, __m256i b, __m256i c)
+LULL_INLINE void split_pairs(vec a, vec b, vec *even, vec *odd)
 {
-    const __m256i order = _mm256_setr_epi32(0, 4, 1, 5, 2, 6, 3, 7);
-    __m256i q = _mm256_packus_epi16(_mm256_packs_epi32(a, b), _mm256_packs_epi32(c, c));
-    _mm256_storeu_si256((__m256i *)(void *)out, _mm256_permutevar8x32_epi32(q, order));
+    *even = in_fours(_mm256_shuffle_ps(a, b, 0x88));
+    *odd = in_fours(_mm256_shuffle_ps(a, b, 0xdd));
 }
 
-/* log2 of u >= 1 (docs/arithmetic.md). */
-LULL_INLINE __m256 log2_of(__m256 u)
+LULL_INLINE void join_pairs(vec even, vec odd, vec *a, vec *b)
 {
-    const __m256 one = _mm256_set1_ps(1.0f);
-    __m256i bits = _mm256_castps_si256(u);
-    __m256i exponent =
-        _mm256_srai_epi32(_mm256_sub_epi32(bits, _mm256_set1_epi32(0x3f3504f3)), 23);
-    __m256 m = _mm256_castsi256_ps(_mm256_sub_epi32(bits, _mm256_slli_epi32(exponent, 23)));
-    __m256 s = _mm256_div_ps(_mm256_sub_ps(m, one), _mm256_add_ps(m, one));
-    __m256 w = _mm256_mul_ps(s, s);
-    __m256 p = _mm256_add_ps(_mm256_mul_ps(_mm256_set1_ps(0.431737901252f), w),
-                             _mm256_set1_ps(0.576714309537f));
-    __m256 q = _mm256_add_ps(_mm256_mul_ps(_mm256_set1_ps(0.961798848299f), w),
-                             _mm256_set1_ps(2.88539007979f));
-    p = _mm256_add_ps(_mm256_mul_ps(p, _mm256_mul_ps(w, w)), q);
-    return _mm256_add_ps(_mm256_cvtepi32_ps(exponent), _mm256_mul_ps(s, p));
+    vec x = _mm256_unpacklo_ps(even, odd), y = _mm256_unpackhi_ps(even, odd);
+    *a = _mm256_permute2f128_ps(x, y, 0x20);
+    *b = _mm256_permute2f128_ps(x, y, 0x31);
 }
 
-/* v where it is above 2^-126 (at least: 2^-126 itself if `least` is one less), else 0; v >= 0. */
-LULL_INLINE __m256 above(__m256 v, int least)
+/* Floats 8 i..8 i + 7 of 3 n. */
+LULL_INLINE unsigned part_of(unsigned n, unsigned i)
 {
-    __m256i keep = _mm256_cmpgt_epi32(_mm256_castps_si256(v), _mm256_set1_epi32(least));
-    return _mm256_and_ps(v, _mm256_castsi256_ps(keep));
+    return 3 * n <= LANES * i ? 0 : lull_min_u(3 * n - LANES * i, LANES);
 }
 
-/* Radiance, sanitised. The maximum is 0 if v is no number. */
-LULL_INLINE __m256 sane_radiance(__m256 v, const lull_encoding *from)
+/* Lanes that belong to a value of 0, 1, 2 (modulo 3) are gathered by blends, then put in order. */
+LULL_INLINE void split(const float *p, unsigned n, vec *a, vec *b, vec *c)
 {
-    v = above(_mm256_max_ps(v, _mm256_setzero_ps()), 0x007fffff);
-    v = _mm256_max_ps(_mm256_mul_ps(v, _mm256_set1_ps(from->scale)), _mm256_setzero_ps());
-    return _mm256_min_ps(above(v, 0x00800000), _mm256_set1_ps(from->most));
+    vec x = load_n(p, part_of(n, 0)), y = load_n(p + LANES, part_of(n, 1));
+    vec z = load_n(p + 2 * LANES, part_of(n, 2));
+    *a = _mm256_blend_ps(_mm256_blend_ps(x, y, 0x92), z, 0x24);
+    *b = _mm256_blend_ps(_mm256_blend_ps(x, y, 0x24), z, 0x49);
+    *c = _mm256_blend_ps(_mm256_blend_ps(x, y, 0x49), z, 0x92);
+    *a = _mm256_permutevar8x32_ps(*a, _mm256_setr_epi32(0, 3, 6, 1, 4, 7, 2, 5));
+    *b = _mm256_permutevar8x32_ps(*b, _mm256_setr_epi32(1, 4, 7, 2, 5, 0, 3, 6));
+    *c = _mm256_permutevar8x32_ps(*c, _mm256_setr_epi32(2, 5, 0, 3, 6, 1, 4, 7));
 }
 
-/* Albedo; what is below 2^-126 does not matter to its code. */
-LULL_INLINE __m256 clamped(const float *albedo)
+LULL_INLINE void join(float *p, unsigned n, vec a, vec b, vec c)
 {
-    __m256 v = _mm256_max_ps(_mm256_loadu_ps(albedo), _mm256_setzero_ps());
-    return _mm256_min_ps(v, _mm256_set1_ps(1.0f));
+    a = _mm256_permutevar8x32_ps(a, _mm256_setr_epi32(0, 3, 6, 1, 4, 7, 2, 5));
+    b = _mm256_permutevar8x32_ps(b, _mm256_setr_epi32(5, 0, 3, 6, 1, 4, 7, 2));
+    c = _mm256_permutevar8x32_ps(c, _mm256_setr_epi32(2, 5, 0, 3, 6, 1, 4, 7));
+    store_n(p, _mm256_blend_ps(_mm256_blend_ps(a, b, 0x92), c, 0x24), part_of(n, 0));
+    store_n(p + LANES, _mm256_blend_ps(_mm256_blend_ps(a, b, 0x24), c, 0x49), part_of(n, 1));
+    store_n(p + 2 * LANES, _mm256_blend_ps(_mm256_blend_ps(a, b, 0x49), c, 0x92), part_of(n, 2));
 }
 
-LULL_INLINE __m256i radiance_codes(const lull_encoding *from, __m256 r, __m256 albedo)
+typedef struct tables {
+    vec high0, high1, low0, low1; /* of the two halves of a code, each in two eights */
+} tables;
+
+LULL_INLINE void tables_init(tables *t, const float *table)
 {
-    __m256 v = _mm256_add_ps(albedo, _mm256_set1_ps(LULL_FILTER_EPSILON));
-    v = _mm256_div_ps(sane_radiance(r, from), v);
-    v = _mm256_add_ps(_mm256_set1_ps(1.0f), _mm256_mul_ps(_mm256_set1_ps(LULL_LOG_GAIN), v));
-    return to_codes(_mm256_mul_ps(log2_of(v), _mm256_set1_ps(LULL_CODES_PER_OCTAVE)));
+    t->high0 = _mm256_setr_ps(table[15], table[31], table[47], table[63], table[79], table[95],
+                              table[111], table[127]);
+    t->high1 = _mm256_setr_ps(table[143], table[159], table[175], table[191], table[207],
+                              table[223], table[239], table[255]);
+    t->low0 = _mm256_loadu_ps(table + 240);
+    t->low1 = _mm256_loadu_ps(table + 248);
 }
 
-LULL_INLINE __m256i albedo_codes(__m256 albedo)
+/* Of 16 values, those that the lowest four bits of i name. */
+LULL_INLINE vec of_sixteen(vec first, vec second, ivec i)
 {
-    return to_codes(_mm256_mul_ps(albedo, _mm256_set1_ps(255.0f)));
+    return _mm256_blendv_ps(_mm256_permutevar8x32_ps(first, i), _mm256_permutevar8x32_ps(second, i),
+                            floats(shift_left(i, 28)));
 }
 
-LULL_INLINE __m256i normal_codes(const float *normal)
+LULL_INLINE vec weights(const tables *t, ivec q)
 {
-    __m256 v = _mm256_loadu_ps(normal);
-    v = _mm256_and_ps(v, _mm256_cmp_ps(v, v, _CMP_ORD_Q)); /* a number */
-    v = _mm256_min_ps(_mm256_max_ps(v, _mm256_set1_ps(-1.0f)), _mm256_set1_ps(1.0f));
-    v = _mm256_mul_ps(v, _mm256_set1_ps(127.5f));
-    return to_codes(_mm256_add_ps(v, _mm256_set1_ps(127.5f)));
+    return mul(of_sixteen(t->high0, t->high1, shift_right(q, 4)), of_sixteen(t->low0, t->low1, q));
 }
 
-LULL_INLINE uint32_t load_dword(const uint8_t *p)
+LULL_INLINE ivec codes_at(const uint8_t *q, size_t step, unsigned n)
 {
-    uint32_t v;
-    memcpy(&v, p, sizeof v);
-    return v;
+#define CODE(i) (int)lull_load_u32(q + lull_min_u(i, n - 1) * step)
+    return _mm256_setr_epi32(CODE(0), CODE(1), CODE(2), CODE(3), CODE(4), CODE(5), CODE(6),
+                             CODE(7));
+#undef CODE
 }
 
-static void encode_8(uint8_t *codes, const lull_encoding *from)
+LULL_INLINE vec look_up(const float *table, const uint8_t *q, unsigned n)
 {
-    uint8_t r[32], a[32] = {0}, n[32];
-    __m256 none = _mm256_set1_ps(1.0f - LULL_FILTER_EPSILON), a0 = none, a1 = none, a2 = none;
-    if (from->albedo) {
-        a0 = clamped(from->albedo), a1 = clamped(from->albedo + 8), a2 = clamped(from->albedo + 16);
-        put_codes(a, albedo_codes(a0), albedo_codes(a1), albedo_codes(a2));
-    }
-    put_codes(r, radiance_codes(from, _mm256_loadu_ps(from->radiance), a0),
-              radiance_codes(from, _mm256_loadu_ps(from->radiance + 8), a1),
-              radiance_codes(from, _mm256_loadu_ps(from->radiance + 16), a2));
-    if (from->normal)
-        put_codes(n, normal_codes(from->normal), normal_codes(from->normal + 8),
-                  normal_codes(from->normal + 16));
-    else
-        memset(n, 128, sizeof n);
-    for (unsigned i = 0; i < VALUES; i += 3, codes += 12) {
-        uint32_t x = load_dword(r + i), y = load_dword(a + i), z = load_dword(n + i);
-        uint32_t dwords[3];
-        dwords[0] = (x & 0xffffff) | y << 24;
-        dwords[1] = (y >> 8 & 0xffff) | z << 16;
-        dwords[2] = (z >> 16 & 0xff) | from->flags << 8;
-        memcpy(codes, dwords, sizeof dwords);
-    }
+#define VALUE(i) table[q[lull_min_u(i, n - 1)]]
+    return _mm256_setr_ps(VALUE(0), VALUE(1), VALUE(2), VALUE(3), VALUE(4), VALUE(5), VALUE(6),
+                          VALUE(7));
+#undef VALUE
 }
 
-/* The last pixels, by way of memory that holds 8. */
-static void encode_rest(uint8_t *codes, const lull_encoding *from, size_t pixels)
+/* 16 bytes at q of pixels j and j + 4, each not beyond pixel n - 1. */
+LULL_INLINE ivec two_rows(const uint8_t *q, size_t step, unsigned j, unsigned n)
 {
-    float last[3][VALUES] = {{0}};
-    uint8_t made[96];
-    lull_encoding rest = *from;
-    rest.radiance = memcpy(last[0], from->radiance, 3 * pixels * sizeof(float));
-    if (from->albedo)
-        rest.albedo = memcpy(last[1], from->albedo, 3 * pixels * sizeof(float));
-    if (from->normal)
-        rest.normal = memcpy(last[2], from->normal, 3 * pixels * sizeof(float));
-    encode_8(made, &rest);
-    memcpy(codes, made, 12 * pixels);
+#define ROW(j) _mm_loadu_si128((const __m128i *)(const void *)(q + lull_min_u(j, n - 1) * step))
+    return _mm256_inserti128_si256(_mm256_castsi128_si256(ROW(j)), ROW(j + 4), 1);
+#undef ROW
 }
 
-void lull_encode_avx2(uint8_t *codes, const lull_encoding *from, unsigned pixels)
+LULL_INLINE void tap_codes(ivec *taps, const uint8_t *q, size_t step, unsigned n)
 {
-    lull_encoding next = *from;
-    for (; pixels >= 8; pixels -= 8, codes += 96) {
-        encode_8(codes, &next);
-        next.radiance += VALUES;
-        next.albedo = next.albedo ? next.albedo + VALUES : NULL;
-        next.normal = next.normal ? next.normal + VALUES : NULL;
-    }
-    if (pixels)
-        encode_rest(codes, &next, pixels);
+    ivec a = two_rows(q, step, 0, n), b = two_rows(q, step, 1, n);
+    ivec c = two_rows(q, step, 2, n), d = two_rows(q, step, 3, n);
+    ivec ab = _mm256_unpacklo_epi32(a, b), cd = _mm256_unpacklo_epi32(c, d);
+    taps[0] = _mm256_unpacklo_epi64(ab, cd);
+    taps[1] = _mm256_unpackhi_epi64(ab, cd);
+    ab = _mm256_unpackhi_epi32(a, b), cd = _mm256_unpackhi_epi32(c, d);
+    taps[2] = _mm256_unpacklo_epi64(ab, cd);
+    taps[3] = _mm256_unpackhi_epi64(ab, cd);
+    q += 9;
+    a = two_rows(q, step, 0, n), b = two_rows(q, step, 1, n);
+    c = two_rows(q, step, 2, n), d = two_rows(q, step, 3, n);
+    taps[4] = _mm256_unpackhi_epi64(_mm256_unpacklo_epi32(a, b), _mm256_unpacklo_epi32(c, d));
+    ab = _mm256_unpackhi_epi32(a, b), cd = _mm256_unpackhi_epi32(c, d);
+    taps[5] = _mm256_unpacklo_epi64(ab, cd);
+    taps[6] = _mm256_unpackhi_epi64(ab, cd);
 }
 
-/* ---- Radiance -------------------------------------------------------------------------------- */
-
-/* Two pixels of three channels as lanes 1-3 and 5-7. Two more floats than their six are read: from
- * two floats before them, so that nothing behind them is touched. */
-LULL_INLINE __m256 two_pixels(const float *v)
-{
-    return _mm256_permutevar8x32_ps(_mm256_loadu_ps(v - 2),
-                                    _mm256_setr_epi32(0, 2, 3, 4, 1, 5, 6, 7));
-}
-
-/* The same of one pixel. */
-LULL_INLINE __m256 lone_pixel(const float *v)
-{
-    return _mm256_setr_ps(0.0f, v[0], v[1], v[2], 0.0f, 0.0f, 0.0f, 0.0f);
-}
-
-LULL_INLINE __m256 spread_out(__m256 v)
-{
-    v = above(_mm256_max_ps(v, _mm256_setzero_ps()), 0x00800000);
-    return _mm256_blend_ps(_mm256_min_ps(v, _mm256_set1_ps(1.0f)), _mm256_set1_ps(1.0f), 0x11);
-}
-
-void lull_spread_avx2(float *out, const float *albedo, unsigned pixels)
-{
-    for (size_t i = 0; i < pixels;) {
-        const float *v = albedo + 3 * i;
-        if (i == 0 || i + 1 == pixels) {
-            _mm_storeu_ps(out + 4 * i, _mm256_castps256_ps128(spread_out(lone_pixel(v))));
-            i++;
-            continue;
-        }
-        _mm256_storeu_ps(out + 4 * i, spread_out(two_pixels(v)));
-        i += 2;
-    }
-}
-
-/* r, s: lanes 1-3 and 5-7 of two pixels; c: their confidences in all lanes. */
-LULL_INLINE __m256 demodulated(__m256 r, __m256 s, __m256 c, const lull_encoding *from)
-{
-    __m256 v = _mm256_mul_ps(c, _mm256_div_ps(sane_radiance(r, from), s));
-    return _mm256_blend_ps(v, c, 0x11);
-}
-
-void lull_demodulate_avx2(float *out, const lull_encoding *from, const float *smooth,
-                          const uint8_t *codes, size_t code_step, const float *table,
-                          unsigned pixels)
-{
-    const float *r = from->radiance;
-    for (unsigned i = 0; i < pixels;) {
-        const uint8_t *q = codes + i * code_step;
-        float *to = out + 4 * (size_t)i;
-        size_t at = 3 * (size_t)i;
-        if (i == 0 || i + 1 == pixels) {
-            _mm_storeu_ps(to, _mm256_castps256_ps128(
-                                  demodulated(lone_pixel(r + at), lone_pixel(smooth + at),
-                                              _mm256_broadcast_ss(table + *q), from)));
-            i++;
-            continue;
-        }
-        _mm256_storeu_ps(to, demodulated(two_pixels(r + at), two_pixels(smooth + at),
-                                         _mm256_blend_ps(_mm256_broadcast_ss(table + q[0]),
-                                                         _mm256_broadcast_ss(table + q[code_step]),
-                                                         0xf0),
-                                         from));
-        i += 2;
-    }
-}
-
-/* 0.75 near + 0.25 far of two coarse pixels. */
-LULL_INLINE __m256 between(__m256 near, __m256 far)
-{
-    return _mm256_add_ps(_mm256_mul_ps(_mm256_set1_ps(0.75f), near),
-                         _mm256_mul_ps(_mm256_set1_ps(0.25f), far));
-}
-
-/* Pixels p - 1 and p + 1. */
-LULL_INLINE __m256 beside(const float *p)
-{
-    return _mm256_insertf128_ps(_mm256_castps128_ps256(_mm_loadu_ps(p - 4)), _mm_loadu_ps(p + 4),
-                                1);
-}
-
-LULL_INLINE __m256 both(const float *p)
-{
-    return _mm256_broadcast_ps((const __m128 *)(const void *)p);
-}
-
-LULL_INLINE __m256 blended(const float *filtered, const float *near, const float *far)
-{
-    __m256 f = _mm256_loadu_ps(filtered), beta = _mm256_permute_ps(f, 0xff);
-    __m256 up = between(between(both(near), both(far)), between(beside(near), beside(far)));
-    return _mm256_add_ps(f, _mm256_mul_ps(beta, _mm256_sub_ps(up, f)));
-}
-
-void lull_blend_avx2(float *out, unsigned channels, const float *filtered, const float *near,
-                     const float *far, unsigned pairs)
-{
-    float last[8];
-    if (channels == 4) {
-        for (; pairs; pairs--, out += 8, filtered += 8, near += 4, far += 4)
-            _mm256_storeu_ps(out, _mm256_blend_ps(blended(filtered, near, far),
-                                                  _mm256_setzero_ps(), 0x88));
-        return;
-    }
-    for (; pairs > 1; pairs--, out += 6, filtered += 8, near += 4, far += 4) {
-        __m256 v = blended(filtered, near, far);
-        _mm_storeu_ps(out, _mm256_castps256_ps128(v));
-        _mm_storeu_ps(out + 3, _mm256_extractf128_ps(v, 1)); /* the next pair's store mends it */
-    }
-    if (!pairs)
-        return;
-    _mm256_storeu_ps(last, blended(filtered, near, far));
-    memcpy(out, last, 3 * sizeof(float));
-    memcpy(out + 3, last + 4, 3 * sizeof(float));
-}
-
-LULL_INLINE __m256 modulated(__m256 v, __m256 smooth, __m256 unscale)
-{
-    v = _mm256_max_ps(_mm256_mul_ps(v, smooth), _mm256_setzero_ps());
-    v = _mm256_min_ps(above(v, 0x00800000), _mm256_set1_ps(LULL_LARGEST));
-    return _mm256_mul_ps(v, unscale);
-}
-
-void lull_modulate_avx2(float *out, const float *v, const float *smooth, float unscale, size_t n)
-{
-    __m256 factor = _mm256_set1_ps(unscale);
-    float last[3][8] = {{0}};
-    for (; n >= 8; n -= 8, out += 8, v += 8, smooth += 8)
-        _mm256_storeu_ps(out, modulated(_mm256_loadu_ps(v), _mm256_loadu_ps(smooth), factor));
-    if (!n)
-        return;
-    memcpy(last[0], v, n * sizeof *v);
-    memcpy(last[1], smooth, n * sizeof *v);
-    _mm256_storeu_ps(last[2],
-                     modulated(_mm256_loadu_ps(last[0]), _mm256_loadu_ps(last[1]), factor));
-    memcpy(out, last[2], n * sizeof *out);
-}
+#include "filter_rows.h"

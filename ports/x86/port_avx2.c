@@ -16,6 +16,8 @@ void lull_port_avx2(lull_kernels *kernels)
     kernels->encode = lull_encode_avx2;
     kernels->spread = lull_spread_avx2;
     kernels->demodulate = lull_demodulate_avx2;
+    kernels->shrink = lull_shrink_avx2;
     kernels->blend = lull_blend_avx2;
     kernels->modulate = lull_modulate_avx2;
+    kernels->luminance = lull_luminance_avx2;
 }

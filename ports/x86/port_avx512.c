@@ -10,7 +10,14 @@ void lull_port_avx512(lull_kernels *kernels)
     kernels->winograd_out = lull_winograd_out_avx512;
     kernels->conv_int = lull_conv_int_avx512;
     kernels->conv_int3 = lull_conv_int3_avx512;
-#if !LULL_EMULATE
+#if !LULL_EMULATE /* it lacks the instructions */
     kernels->filter5 = lull_filter5_avx512;
+    kernels->encode = lull_encode_avx512;
+    kernels->spread = lull_spread_avx512;
+    kernels->demodulate = lull_demodulate_avx512;
+    kernels->shrink = lull_shrink_avx512;
+    kernels->blend = lull_blend_avx512;
+    kernels->modulate = lull_modulate_avx512;
+    kernels->luminance = lull_luminance_avx512;
 #endif
 }

@@ -14,7 +14,18 @@ void lull_conv_int_avx512(const lull_conv *conv);
 void lull_conv_int3_avx512(const lull_conv *conv);
 void lull_winograd_in_avx512(const lull_winograd *image);
 void lull_winograd_out_avx512(const lull_winograd *image);
-void lull_filter5_avx512(float *out, const float *const *rows, const uint8_t *codes,
+void lull_filter5_avx512(const lull_window *window);
+void lull_encode_avx512(uint8_t *codes, const lull_encoding *from, unsigned pixels);
+void lull_spread_avx512(float *out, size_t plane, const float *albedo, unsigned pixels);
+void lull_demodulate_avx512(float *out, size_t plane, const lull_encoding *from,
+                         const float *smooth, size_t smooth_plane, const uint8_t *codes,
                          size_t code_step, const float *table, unsigned pixels);
+void lull_shrink_avx512(float *out, size_t out_plane, const float *above, const float *below,
+                     size_t plane, const uint8_t *codes, size_t code_step, const float *table,
+                     unsigned pixels);
+void lull_blend_avx512(const lull_blending *blending);
+void lull_modulate_avx512(float *out, const float *v, size_t plane, const float *smooth,
+                       size_t smooth_plane, float unscale, unsigned pixels);
+void lull_luminance_avx512(float *sums, const float *pixels, unsigned n);
 
 #endif

@@ -19,20 +19,13 @@ typedef struct layer {
 } layer;
 
 static const layer layers[] = {
-    {"3x3 64->64", 64, 64, 3, 3, 0, 0},
-    {"3x3 32->32", 32, 32, 3, 3, 0, 0},
-    {"3x3 48->64", 64, 48, 3, 3, 0, 0},
-    {"3x3 112->112", 112, 112, 3, 3, 0, 0},
-    {"2x2 96 + 3x3 48->96", 96, 96, 2, 2, 48, 0},
-    {"2x2 64 + wide 3x3 9->64", 64, 64, 2, 2, 9, 0},
-    {"wide 3x3 9->32", 32, 9, 3, 3, 0, 1},
-    {"wide 3x3 32->3", 3, 32, 3, 3, 0, 1},
-    {"3x3 12->16", 16, 12, 3, 3, 0, 0},
-    {"3x3 16->16", 16, 16, 3, 3, 0, 0},
-    {"2x2 24 + 3x3 16->16", 16, 24, 2, 2, 16, 0},
-    {"1x1 16->52", 52, 16, 1, 1, 0, 0},
-    {"3x3 24->24", 24, 24, 3, 3, 0, 0},
-    {"3x3 8->8", 8, 8, 3, 3, 0, 0},
+    {"3x3 64->64", 64, 64, 3, 3, 0, 0},           {"3x3 32->32", 32, 32, 3, 3, 0, 0},
+    {"3x3 48->64", 64, 48, 3, 3, 0, 0},           {"3x3 112->112", 112, 112, 3, 3, 0, 0},
+    {"2x2 96 + 3x3 48->96", 96, 96, 2, 2, 48, 0}, {"2x2 64 + wide 3x3 9->64", 64, 64, 2, 2, 9, 0},
+    {"wide 3x3 9->32", 32, 9, 3, 3, 0, 1},        {"wide 3x3 32->3", 3, 32, 3, 3, 0, 1},
+    {"3x3 12->16", 16, 12, 3, 3, 0, 0},           {"3x3 16->16", 16, 16, 3, 3, 0, 0},
+    {"2x2 24 + 3x3 16->16", 16, 24, 2, 2, 16, 0}, {"1x1 16->52", 52, 16, 1, 1, 0, 0},
+    {"3x3 24->24", 24, 24, 3, 3, 0, 0},           {"3x3 8->8", 8, 8, 3, 3, 0, 0},
 };
 
 static double cpu_seconds(void)
@@ -213,7 +206,6 @@ static void bench_conv(const char *port, const lull_kernels *kernels, int is_int
 
 static float *floats;
 static uint8_t *bytes;
-static const float *filter_rows[5];
 
 static void run_pool_f32(const lull_kernels *k)
 {
@@ -225,9 +217,21 @@ static void run_pool_u8(const lull_kernels *k)
     k->pool_u8(bytes, bytes + 64 * PIXELS, bytes + 256 * PIXELS, CHANNELS, PIXELS);
 }
 
+#define PLANE (2 * PIXELS + 16) /* floats from plane to plane */
+
 static void run_filter5(const lull_kernels *k)
 {
-    k->filter5(floats, filter_rows, bytes, CODE_STEP, floats + 256 * PIXELS, PIXELS);
+    lull_window window = {0};
+    for (unsigned y = 0; y < 5; y++)
+        window.rows[y] = floats + (8 + 8 * y) * PIXELS;
+    window.out = floats;
+    window.out_plane = PLANE;
+    window.plane = PLANE;
+    window.codes = bytes;
+    window.code_step = CODE_STEP;
+    window.table = floats + 256 * PIXELS;
+    window.pixels = PIXELS;
+    k->filter5(&window);
 }
 
 static void run_encode(const lull_kernels *k)
@@ -239,21 +243,44 @@ static void run_encode(const lull_kernels *k)
 static void run_demodulate(const lull_kernels *k)
 {
     lull_encoding from = {floats + 64 * PIXELS, NULL, NULL, 1.0f, 65504.0f, 0};
-    k->demodulate(floats, &from, floats + 128 * PIXELS, bytes, CODE_STEP, floats + 256 * PIXELS,
-                  PIXELS);
+    k->demodulate(floats, PLANE, &from, floats + 128 * PIXELS, PLANE, bytes, CODE_STEP,
+                  floats + 256 * PIXELS, PIXELS);
+}
+
+static void run_shrink(const lull_kernels *k)
+{
+    k->shrink(floats, PLANE, floats + 64 * PIXELS, floats + 128 * PIXELS, PLANE, bytes, CODE_STEP,
+              floats + 256 * PIXELS, PIXELS);
 }
 
 static void run_blend(const lull_kernels *k)
 {
-    k->blend(floats, 3, floats + 64 * PIXELS, floats + 128 * PIXELS, floats + 256 * PIXELS,
-             PIXELS / 2);
+    lull_blending b = {floats,
+                       floats + 64 * PIXELS,
+                       floats + 128 * PIXELS,
+                       floats + 192 * PIXELS,
+                       PLANE,
+                       PLANE,
+                       PLANE,
+                       bytes,
+                       floats + 256 * PIXELS,
+                       PIXELS / 2};
+    k->blend(&b);
 }
 
-static void run_spread(const lull_kernels *k) { k->spread(floats, floats + 64 * PIXELS, PIXELS); }
+static void run_spread(const lull_kernels *k)
+{
+    k->spread(floats, PLANE, floats + 64 * PIXELS, PIXELS);
+}
 
 static void run_modulate(const lull_kernels *k)
 {
-    k->modulate(floats, floats + 64 * PIXELS, floats + 128 * PIXELS, 0.5f, 3 * PIXELS);
+    k->modulate(floats, floats + 64 * PIXELS, PLANE, floats + 128 * PIXELS, PLANE, 0.5f, PIXELS);
+}
+
+static void run_luminance(const lull_kernels *k)
+{
+    k->luminance(floats, floats + 64 * PIXELS, PIXELS);
 }
 
 static double pixel_time(void (*run)(const lull_kernels *), const lull_kernels *kernels)
@@ -283,20 +310,20 @@ static unsigned bench_pixels(const char *port, const lull_kernels *kernels,
         floats[i] = (float)(1 + i * 37 % 101) * 0.01f;
         bytes[i] = (uint8_t)(i * 37 % 251);
     }
-    for (unsigned y = 0; y < 5; y++)
-        filter_rows[y] = floats + (8 + 8 * y) * PIXELS;
-#define BENCH(slot, what)                                                     \
-    if (all || kernels->slot != scalar->slot)                                 \
-        done++, printf("%-8s %-8s %-24s %7.2f ns/pixel\n", port, #slot, what, \
+#define BENCH(slot, what)                                                                          \
+    if (all || kernels->slot != scalar->slot)                                                      \
+        done++, printf("%-8s %-8s %-24s %7.2f ns/pixel\n", port, #slot, what,                      \
                        1e9 * pixel_time(run_##slot, kernels));
     BENCH(pool_f32, "32 channels")
     BENCH(pool_u8, "32 channels")
     BENCH(filter5, "25 codes")
     BENCH(encode, "12 codes")
     BENCH(demodulate, "3 channels")
+    BENCH(shrink, "3 channels")
     BENCH(blend, "3 channels")
     BENCH(spread, "3 channels")
     BENCH(modulate, "3 channels")
+    BENCH(luminance, "3 channels")
     forget(floats);
     forget(bytes);
     return done;

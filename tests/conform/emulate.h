@@ -37,10 +37,12 @@
 #define lull_pool_u8_avx2 emulated_pool_u8_avx2
 #define lull_filter5_avx2 emulated_filter5_avx2
 #define lull_encode_avx2 emulated_encode_avx2
-#define lull_demodulate_avx2 emulated_demodulate_avx2
-#define lull_blend_avx2 emulated_blend_avx2
 #define lull_spread_avx2 emulated_spread_avx2
+#define lull_demodulate_avx2 emulated_demodulate_avx2
+#define lull_shrink_avx2 emulated_shrink_avx2
+#define lull_blend_avx2 emulated_blend_avx2
 #define lull_modulate_avx2 emulated_modulate_avx2
+#define lull_luminance_avx2 emulated_luminance_avx2
 #define lull_conv_f32_avx512 emulated_conv_f32_avx512
 #define lull_conv_int_avx512 emulated_conv_int_avx512
 #define lull_conv_int3_avx512 emulated_conv_int3_avx512

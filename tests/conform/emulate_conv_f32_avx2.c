@@ -1,7 +1,5 @@
 #include "emulate.h"
 #if EMULATE_X86
 #include "ports/x86/conv_f32_avx2.c"
-#include "ports/x86/filter5_avx2.c"
-#include "ports/x86/filter_avx2.c"
 #include "ports/x86/port_avx2.c"
 #endif

@@ -7,49 +7,68 @@ static void make_table(float *table)
 {
     float half[32];
     for (unsigned i = 0; i < 32; i++)
-        half[i] = i % 16 == 15                ? 1.0f
-                  : now.pattern == CASES_MIN  ? 0.0f
+        half[i] = i % 16 == 15               ? 1.0f
+                  : now.pattern == CASES_MIN ? 0.0f
                   : now.pattern == CASES_MAX ? 1.0f
-                                              : (float)guard_below(1u << 20) / 1048576.0f;
+                                             : (float)guard_below(1u << 20) / 1048576.0f;
     for (unsigned q = 0; q < 256; q++)
         table[q] = half[q / 16] * half[16 + q % 16];
 }
 
+/* Planes lie further apart than they are long, by a number that is not a multiple of anything. */
+#define GAP 5u
+
 static void filter5_case(unsigned pixels, unsigned code_step)
 {
     int at_end = guard_below(2) != 0;
-    size_t row_floats = 4 * ((size_t)pixels + 4);
-    float *out = guard_place(GUARD_OUT, (size_t)pixels * 16, at_end);
+    size_t plane = pixels + 4 + GAP, out_plane = pixels + GAP;
+    size_t codes_bytes = (size_t)(pixels - 1) * code_step + 25;
+    float *out = guard_place(GUARD_OUT, (2 * out_plane + pixels) * sizeof *out, at_end);
     float *table = guard_place(GUARD_WEIGHTS, 256 * sizeof *table, at_end);
-    uint8_t *codes = guard_place(GUARD_BIAS, (size_t)(pixels - 1) * code_step + 25, at_end);
-    const float *rows[5];
+    uint8_t *codes = guard_place(GUARD_BIAS, codes_bytes, at_end);
+    lull_window window = {0};
     make_table(table);
-    for (size_t i = 0; i < (size_t)(pixels - 1) * code_step + 25; i++)
+    for (size_t i = 0; i < codes_bytes; i++)
         codes[i] = now.pattern == CASES_ALTERNATING ? (uint8_t)(i & 1 ? 255 : 0)
                                                     : (uint8_t)guard_below(256);
     for (unsigned r = 0; r < 5; r++) {
-        float *row = guard_place(GUARD_ROW + r, row_floats * sizeof *row, at_end);
-        for (size_t i = 0; i < row_floats; i++)
+        size_t floats = 3 * plane + pixels + 4;
+        float *row = guard_place(GUARD_ROW + r, floats * sizeof *row, at_end);
+        for (size_t i = 0; i < floats; i++)
             row[i] = now.pattern == CASES_MAX ? 65504.0f : (float)guard_below(1u << 24) * 0.001f;
-        rows[r] = row + 8;
+        window.rows[r] = row + 2;
     }
-    for (unsigned p = 0; p < pixels; p++) { /* the definition */
+    window.out = out;
+    window.out_plane = out_plane;
+    window.plane = plane;
+    window.codes = codes;
+    window.code_step = code_step;
+    window.table = table;
+    window.more = guard_below(2) ? 0.02f : 0.0f;
+    window.none = guard_below(2) ? 1.0f : 0.0f;
+    window.pixels = pixels;
+    memset(out, 1, (2 * out_plane + pixels) * sizeof *out);
+    memcpy(expected, out, (2 * out_plane + pixels) * sizeof *out);
+    for (size_t p = 0; p < pixels; p++) { /* the definition */
         volatile float sum[4] = {0, 0, 0, 0}, product;
-        float mean[4];
         for (unsigned c = 0; c < 4; c++)
             for (unsigned k = 0; k < 25; k++) {
-                product = table[codes[p * code_step + k]] *
-                          rows[k / 5][4 * ((ptrdiff_t)p + (int)(k % 5) - 2) + (int)c];
+                product =
+                    table[codes[p * code_step + k]] * window.rows[k / 5][c * plane + p + k % 5 - 2];
                 sum[c] = sum[c] + product;
             }
-        for (unsigned c = 0; c < 3; c++)
-            mean[c] = sum[0] > 0.0f ? sum[c + 1] / sum[0] : 0.0f;
-        mean[3] = sum[0];
-        memcpy(expected + 16 * (size_t)p, mean, sizeof mean);
+        for (unsigned c = 0; c < 3; c++) {
+            volatile float mean = window.none;
+            if (sum[0] > 0.0f) {
+                mean = sum[c + 1] / sum[0];
+                mean = mean + window.more;
+            }
+            ((float *)(void *)expected)[c * out_plane + p] = mean;
+        }
     }
-    now.port->filter5(out, rows, codes, code_step, table, pixels);
+    now.port->filter5(&window);
     now.cases++;
-    if (!CHECK(memcmp(out, expected, (size_t)pixels * 16) == 0))
+    if (!CHECK(memcmp(out, expected, (2 * out_plane + pixels) * sizeof *out) == 0))
         printf("  with %u pixels, code step %u\n", pixels, code_step);
 }
 
@@ -139,19 +158,32 @@ static float sane_value(float v, float scale, float lo, float hi)
     return r > lo ? (r < hi ? r : hi) : lo;
 }
 
+/* Places `planes` planes of n floats for a kernel's result; the gaps are checked, too. */
+static float *place_planes(unsigned planes, unsigned n, size_t *plane, size_t *bytes, int at_end)
+{
+    float *out;
+    *plane = n + GAP;
+    *bytes = ((planes - 1) * *plane + n) * sizeof *out;
+    out = guard_place(GUARD_OUT, *bytes, at_end);
+    memset(out, 1, *bytes);
+    memcpy(expected, out, *bytes);
+    return out;
+}
+
+static void expect(size_t at, float v) { ((float *)(void *)expected)[at] = v; }
+
 static void spread_case(unsigned pixels)
 {
     int at_end = guard_below(2) != 0;
+    size_t plane, bytes;
     float *albedo = make_floats(GUARD_ROW, 3 * pixels, 0.0f, 1.0f, at_end);
-    float *out = guard_place(GUARD_OUT, 16 * (size_t)pixels, at_end);
+    float *out = place_planes(4, pixels, &plane, &bytes, at_end);
     spoil(albedo, 3 * (size_t)pixels);
     for (size_t i = 0; i < pixels; i++) /* the definition */
         for (size_t c = 0; c < 4; c++)
-            ((float *)(void *)expected)[4 * i + c] =
-                c ? sane_value(albedo[3 * i + c - 1], 1.0f, 0.0f, 1.0f) : 1.0f;
-    memset(out, 1, 16 * (size_t)pixels);
-    now.port->spread(out, albedo, pixels);
-    same_bytes(out, 16 * (size_t)pixels, "spread", pixels);
+            expect(c * plane + i, c ? sane_value(albedo[3 * i + c - 1], 1.0f, 0.0f, 1.0f) : 1.0f);
+    now.port->spread(out, plane, albedo, pixels);
+    same_bytes(out, bytes, "spread", pixels);
 }
 
 static void spread_cases(void)
@@ -160,38 +192,39 @@ static void spread_cases(void)
         spread_case(pixels);
 }
 
-static void modulate_case(unsigned n)
+static void modulate_case(unsigned pixels)
 {
     int at_end = guard_below(2) != 0;
-    float *v = make_floats(GUARD_ROW, n, 0.0f, 99.0f, at_end);
-    float *smooth = make_floats(GUARD_ROW + 1, n, 0.02f, 1.02f, at_end);
-    float *out = guard_place(GUARD_OUT, n * sizeof *out, at_end);
-    spoil(v, n);
-    for (size_t i = 0; i < n; i++) { /* the definition */
-        volatile float r = v[i] * smooth[i];
+    size_t plane = pixels + GAP, smooth_plane = pixels + 1, bytes = 12 * (size_t)pixels;
+    float *v = make_floats(GUARD_ROW, 2 * plane + pixels, 0.0f, 99.0f, at_end);
+    float *smooth = make_floats(GUARD_ROW + 1, 2 * smooth_plane + pixels, 0.02f, 1.02f, at_end);
+    float *out = guard_place(GUARD_OUT, bytes, at_end);
+    spoil(v, 2 * plane + pixels);
+    for (size_t i = 0; i < 3 * (size_t)pixels; i++) { /* the definition */
+        volatile float r = v[i % 3 * plane + i / 3] * smooth[i % 3 * smooth_plane + i / 3];
         r = sane_value(r, 1.0f, 0.0f, 3.402823466e38f);
-        ((float *)(void *)expected)[i] = r * 1.7f;
+        expect(i, r * 1.7f);
     }
-    memset(out, 1, n * sizeof *out);
-    now.port->modulate(out, v, smooth, 1.7f, n);
-    same_bytes(out, n * sizeof *out, "modulate", n);
+    memset(out, 1, bytes);
+    now.port->modulate(out, v, plane, smooth, smooth_plane, 1.7f, pixels);
+    same_bytes(out, bytes, "modulate", pixels);
 }
 
 static void modulate_cases(void)
 {
-    for (unsigned n = 1; n <= 40; n++)
-        modulate_case(n);
+    for (unsigned pixels = 1; pixels <= 40; pixels++)
+        modulate_case(pixels);
 }
 
 static void demodulate_case(unsigned pixels)
 {
     int at_end = guard_below(2) != 0;
-    size_t codes_bytes = (size_t)(pixels - 1) * 27 + 1;
+    size_t codes_bytes = (size_t)(pixels - 1) * 27 + 26, smooth_plane = pixels + 3, plane, bytes;
     float *radiance = make_floats(GUARD_ROW, 3 * pixels, 0.0f, 70000.0f, at_end);
-    float *smooth = make_floats(GUARD_ROW + 1, 3 * pixels, 0.02f, 1.02f, at_end);
+    float *smooth = make_floats(GUARD_ROW + 1, 2 * smooth_plane + pixels, 0.02f, 1.02f, at_end);
     float *table = guard_place(GUARD_WEIGHTS, 256 * sizeof *table, at_end);
     uint8_t *codes = guard_place(GUARD_BIAS, codes_bytes, at_end);
-    float *out = guard_place(GUARD_OUT, 16 * (size_t)pixels, at_end);
+    float *out = place_planes(4, pixels, &plane, &bytes, at_end);
     lull_encoding from = {radiance, NULL, NULL, 1.0f, 65504.0f, 0};
     from.scale = guard_below(2) ? 0.25f : 7.5f;
     from.most = guard_below(2) ? 1.0f : 65504.0f;
@@ -200,19 +233,16 @@ static void demodulate_case(unsigned pixels)
     for (size_t i = 0; i < codes_bytes; i++)
         codes[i] = (uint8_t)guard_below(256);
     for (size_t i = 0; i < pixels; i++) { /* the definition */
-        volatile float c = table[codes[27 * i]], v[4];
-        v[0] = c;
+        volatile float c = table[codes[27 * i + LULL_HEAD_CONFIDENCE]];
+        expect(i, c);
         for (size_t k = 0; k < 3; k++) {
             volatile float r = sane_value(radiance[3 * i + k], from.scale, 0.0f, from.most);
-            r = r / smooth[3 * i + k];
-            v[1 + k] = c * r;
+            r = r / smooth[k * smooth_plane + i];
+            expect((1 + k) * plane + i, c * r);
         }
-        for (size_t k = 0; k < 4; k++)
-            ((float *)(void *)expected)[4 * i + k] = v[k];
     }
-    memset(out, 1, 16 * (size_t)pixels);
-    now.port->demodulate(out, &from, smooth, codes, 27, table, pixels);
-    same_bytes(out, 16 * (size_t)pixels, "demodulate", pixels);
+    now.port->demodulate(out, plane, &from, smooth, smooth_plane, codes, 27, table, pixels);
+    same_bytes(out, bytes, "demodulate", pixels);
 }
 
 static void demodulate_cases(void)
@@ -221,39 +251,116 @@ static void demodulate_cases(void)
         demodulate_case(pixels);
 }
 
-static void blend_case(unsigned pairs, unsigned channels)
+static void shrink_case(unsigned pixels)
 {
     int at_end = guard_below(2) != 0;
-    size_t bytes = 2 * (size_t)pairs * channels * sizeof(float);
-    float *filtered = make_floats(GUARD_ROW, 8 * (size_t)pairs, 0.0f, 1.0f, at_end);
-    float *row[2], *out = guard_place(GUARD_OUT, bytes, at_end);
-    for (unsigned r = 0; r < 2; r++)
-        row[r] = 4 + make_floats(GUARD_ROW + 1 + r, 4 * ((size_t)pairs + 2), 0.0f, 99.0f, at_end);
-    for (size_t i = 0; i < 2 * (size_t)pairs; i++) /* the definition */
-        for (size_t c = 0; c < channels; c++) {
-            ptrdiff_t at = 4 * (ptrdiff_t)(i / 2) + (int)c, beside = at + (i & 1 ? 4 : -4);
-            volatile float f = filtered[4 * i + c], a = 0.75f * row[0][at], b = 0.25f * row[1][at];
-            volatile float here = a + b, there, v;
-            a = 0.75f * row[0][beside];
-            b = 0.25f * row[1][beside];
-            there = a + b;
-            a = 0.75f * here;
-            b = 0.25f * there;
-            v = a + b;
-            v = v - f;
-            v = filtered[4 * i + 3] * v;
-            v = f + v;
-            ((float *)(void *)expected)[channels * i + c] = c == 3 ? 0.0f : v;
+    size_t codes_bytes = (size_t)(pixels - 1) * 27 + 26, fine = 2 * pixels + 3, plane, bytes;
+    float *rows[2], *table = guard_place(GUARD_WEIGHTS, 256 * sizeof *table, at_end);
+    uint8_t *codes = guard_place(GUARD_BIAS, codes_bytes, at_end);
+    float *out = place_planes(4, pixels, &plane, &bytes, at_end);
+    for (unsigned r = 0; r < 2; r++) {
+        rows[r] = make_floats(GUARD_ROW + r, 3 * fine + 2 * pixels, 0.0f, 99.0f, at_end);
+        for (size_t i = 0; i < 2 * pixels; i++) /* weights of whole pixels are 0 */
+            if (i / 2 % 3 == 0)
+                rows[r][i] = 0.0f;
+    }
+    make_table(table);
+    for (size_t i = 0; i < codes_bytes; i++)
+        codes[i] = (uint8_t)guard_below(256);
+    for (size_t i = 0; i < pixels; i++) /* the definition */
+        for (size_t k = 0; k < 4; k++) {
+            volatile float confidence = table[codes[27 * i + LULL_HEAD_CONFIDENCE]];
+            volatile float weight = rows[0][2 * i], sum = rows[0][k * fine + 2 * i];
+            weight = weight + rows[0][2 * i + 1];
+            weight = weight + rows[1][2 * i];
+            weight = weight + rows[1][2 * i + 1];
+            sum = sum + rows[0][k * fine + 2 * i + 1];
+            sum = sum + rows[1][k * fine + 2 * i];
+            sum = sum + rows[1][k * fine + 2 * i + 1];
+            sum = sum / weight;
+            expect(k * plane + i, !(weight > 0.0f) ? 0.0f : k ? confidence * sum : confidence);
         }
-    memset(out, 1, bytes);
-    now.port->blend(out, channels, filtered, row[0], row[1], pairs);
+    now.port->shrink(out, plane, rows[0], rows[1], fine, codes, 27, table, pixels);
+    same_bytes(out, bytes, "shrink", pixels);
+}
+
+static void shrink_cases(void)
+{
+    for (unsigned pixels = 1; pixels <= 40; pixels++)
+        shrink_case(pixels);
+}
+
+static void blend_case(unsigned pairs)
+{
+    int at_end = guard_below(2) != 0;
+    size_t plane, bytes, fine_plane = 2 * pairs + 1, coarse_plane = pairs + 2 + GAP;
+    float *fine = make_floats(GUARD_ROW, 2 * fine_plane + 2 * pairs, 0.0f, 1.0f, at_end);
+    float *row[2], *out = place_planes(3, 2 * pairs, &plane, &bytes, at_end);
+    float *table = guard_place(GUARD_WEIGHTS, 256 * sizeof *table, at_end);
+    uint8_t *codes = guard_place(GUARD_BIAS, 2 * (size_t)pairs, at_end);
+    lull_blending b = {0};
+    for (unsigned i = 0; i < 256; i++)
+        table[i] = (float)guard_below(1u << 20) / 1048576.0f;
+    for (unsigned i = 0; i < 2 * pairs; i++)
+        codes[i] = (uint8_t)guard_below(256);
+    for (unsigned r = 0; r < 2; r++)
+        row[r] =
+            1 + make_floats(GUARD_ROW + 1 + r, 2 * coarse_plane + pairs + 2, 0.0f, 99.0f, at_end);
+    for (size_t i = 0; i < 2 * (size_t)pairs; i++) /* the definition */
+        for (size_t c = 0; c < 3; c++) {
+            ptrdiff_t at = (ptrdiff_t)(c * coarse_plane + i / 2), beside = at + (i & 1 ? 1 : -1);
+            volatile float f = fine[c * fine_plane + i];
+            volatile float x = 0.75f * row[0][at], y = 0.25f * row[1][at];
+            volatile float here = x + y, there, v;
+            x = 0.75f * row[0][beside];
+            y = 0.25f * row[1][beside];
+            there = x + y;
+            x = 0.75f * here;
+            y = 0.25f * there;
+            v = x + y;
+            v = v - f;
+            v = table[codes[i]] * v;
+            expect(c * plane + i, f + v);
+        }
+    b.out = out, b.out_plane = plane;
+    b.fine = fine, b.fine_plane = fine_plane;
+    b.near = row[0], b.far = row[1], b.coarse_plane = coarse_plane;
+    b.codes = codes, b.table = table, b.pairs = pairs;
+    now.port->blend(&b);
     same_bytes(out, bytes, "blend", 2 * pairs);
 }
 
 static void blend_cases(void)
 {
-    for (unsigned pairs = 1; pairs <= 20; pairs++)
-        blend_case(pairs, pairs & 1 ? 3 : 4);
+    for (unsigned pairs = 1; pairs <= 40; pairs++)
+        blend_case(pairs);
+}
+
+static void luminance_case(unsigned n)
+{
+    int at_end = guard_below(2) != 0;
+    float *pixels = make_floats(GUARD_ROW, 3 * n, 0.0f, 99.0f, at_end);
+    float *sums = make_floats(GUARD_OUT, n, 0.0f, 999.0f, at_end);
+    spoil(pixels, 3 * (size_t)n);
+    for (size_t i = 0; i < n; i++) { /* the definition */
+        volatile float v[3];
+        for (size_t c = 0; c < 3; c++)
+            v[c] = sane_value(pixels[3 * i + c], 1.0f, 0.0f, 3.402823466e38f);
+        v[0] = 0.212671f * v[0];
+        v[1] = 0.715160f * v[1];
+        v[2] = 0.072169f * v[2];
+        v[0] = v[0] + v[1];
+        v[0] = v[0] + v[2];
+        expect(i, sums[i] + v[0]);
+    }
+    now.port->luminance(sums, pixels, n);
+    same_bytes(sums, n * sizeof *sums, "luminance", n);
+}
+
+static void luminance_cases(void)
+{
+    for (unsigned n = 1; n <= 40; n++)
+        luminance_case(n);
 }
 
 #endif

@@ -19,7 +19,7 @@ LIB = {
     "tza": {"image"},
     "image": set(),
     "transfer": set(),
-    "exposure": {"image", "transfer"},
+    "exposure": {"image", "transfer", "kernels"},
     "cpu": {"ports"},
     "winograd": set(),
     "kernels": {"ports", "winograd"},

@@ -1,0 +1,337 @@
+/* The filter of family K over rows of planes, LANES pixels at a time: products and sums are rounded
+ * one by one, in the order of the definition (kernels.h). The including file defines, for its
+ * instruction set:
+ *
+ *   vec, ivec, LANES                a vector of LANES floats; the same as int32
+ *   load(p), store(p, v), set(f)    any address
+ *   load_n(p, n), store_n(p, v, n)  the first n lanes only; others are 0
+ *   add, sub, mul, quotient, low, high
+ *                                   low(a, b): b if one is no number; high alike
+ *   above(v, least)                 v where its bits are above `least` as int32, else 0; v >= 0
+ *   select(if_positive, v, other)   lanes of v where if_positive > 0, else of other
+ *   ints(v), floats(i)              casts
+ *   whole(v)                        floats to int32, cut
+ *   set_int(i), add_int, sub_int, or_int, shift_left(i, n), shift_right(i, n) (zeros come in),
+ *   shift_sign(i, n) (copies of the sign), number(i) (to float)
+ *   is_number(v)                    v, or 0 where it is no number
+ *   split(p, n, &a, &b, &c)         3 n interleaved floats at p, n <= LANES, as three vectors
+ *   join(p, n, a, b, c)             the reverse
+ *   split_pairs(a, b, &even, &odd), join_pairs(even, odd, &a, &b)
+ *   tables, tables_init(&t, table), weights(&t, q)
+ *                                   table values of the lowest bytes of q
+ *   codes_at(q, step, n)            the dword at q + i * step in lane i < n
+ *   look_up(table, q, n)            table[q[i]] in lane i < n
+ *   tap_codes(taps, q, step, n)     25 codes at q + i * step for lane i < n: see TAP
+ *   TIE(a, b, c, d, e)              none is used before all are there: else compilers compute many
+ *                                   weights at once and spill them
+ *   NAME(op)                        lull_<op>_<isa>
+ */
+
+/* Whole vectors of pixels, then the rest: BLOCK(n) stands for n pixels from pixel p on. */
+#define FOR_BLOCKS(pixels)                                                                         \
+    {                                                                                              \
+        size_t p = 0;                                                                              \
+        for (; p + LANES <= (pixels); p += LANES)                                                  \
+            BLOCK(LANES);                                                                          \
+        if (p < (pixels))                                                                          \
+            BLOCK((unsigned)((pixels)-p));                                                         \
+    }
+
+/* ---- 5x5 means ------------------------------------------------------------------------------- */
+
+/* Taps 0..15 are the bytes of taps[0..3], taps 13..24 those of taps[4..6]. */
+#define TAP(x, vector, byte)                                                                       \
+    {                                                                                              \
+        TIE(taps[vector], s0, s1, s2, s3);                                                         \
+        vec w = weights(&t, shift_right(taps[vector], 8 * (byte)));                                \
+        const float *v = row + (x);                                                                \
+        s0 = add(s0, mul(w, load_n(v, n)));                                                        \
+        s1 = add(s1, mul(w, load_n(v + plane, n)));                                                \
+        s2 = add(s2, mul(w, load_n(v + 2 * plane, n)));                                            \
+        s3 = add(s3, mul(w, load_n(v + 3 * plane, n)));                                            \
+    }
+
+LULL_INLINE void filter_block(const lull_window *window, const tables *table, size_t p, unsigned n)
+{
+    tables t = *table;
+    vec s0 = set(0.0f), s1 = s0, s2 = s0, s3 = s0, more = set(window->more);
+    vec none = set(window->none);
+    ivec taps[7];
+    size_t plane = window->plane, out_plane = window->out_plane;
+    float *out = window->out + p;
+    const float *row = window->rows[0] + p - 2;
+    tap_codes(taps, window->codes + p * window->code_step, window->code_step, n);
+    TAP(0, 0, 0) TAP(1, 0, 1) TAP(2, 0, 2) TAP(3, 0, 3) TAP(4, 1, 0) row = window->rows[1] + p - 2;
+    TAP(0, 1, 1) TAP(1, 1, 2) TAP(2, 1, 3) TAP(3, 2, 0) TAP(4, 2, 1) row = window->rows[2] + p - 2;
+    TAP(0, 2, 2) TAP(1, 2, 3) TAP(2, 3, 0) TAP(3, 3, 1) TAP(4, 3, 2) row = window->rows[3] + p - 2;
+    TAP(0, 3, 3) TAP(1, 4, 3) TAP(2, 5, 0) TAP(3, 5, 1) TAP(4, 5, 2) row = window->rows[4] + p - 2;
+    TAP(0, 5, 3)
+    TAP(1, 6, 0) TAP(2, 6, 1) TAP(3, 6, 2) TAP(4, 6, 3)
+        store_n(out, select(s0, add(quotient(s1, s0), more), none), n);
+    store_n(out + out_plane, select(s0, add(quotient(s2, s0), more), none), n);
+    store_n(out + 2 * out_plane, select(s0, add(quotient(s3, s0), more), none), n);
+}
+
+void NAME(filter5)(const lull_window *window)
+{
+    tables t;
+    tables_init(&t, window->table);
+#define BLOCK(n) filter_block(window, &t, p, n)
+    FOR_BLOCKS(window->pixels)
+#undef BLOCK
+}
+
+/* ---- Codes ----------------------------------------------------------------------------------- */
+
+/* v + 0.5 as codes: cut, and at most 255. */
+LULL_INLINE ivec to_codes(vec v) { return whole(low(add(v, set(0.5f)), set(255.0f))); }
+
+/* log2 of u >= 1 (docs/arithmetic.md). */
+LULL_INLINE vec log2_of(vec u)
+{
+    const vec one = set(1.0f);
+    ivec exponent = shift_sign(sub_int(ints(u), set_int(0x3f3504f3)), 23);
+    vec m = floats(sub_int(ints(u), shift_left(exponent, 23)));
+    vec s = quotient(sub(m, one), add(m, one));
+    vec w = mul(s, s);
+    vec p = add(mul(set(0.431737901252f), w), set(0.576714309537f));
+    vec q = add(mul(set(0.961798848299f), w), set(2.88539007979f));
+    return add(number(exponent), mul(s, add(mul(p, mul(w, w)), q)));
+}
+
+/* Radiance, sanitised. The maximum is 0 if v is no number. */
+LULL_INLINE vec sane_radiance(vec v, const lull_encoding *from)
+{
+    v = above(high(v, set(0.0f)), 0x007fffff);
+    v = above(high(mul(v, set(from->scale)), set(0.0f)), 0x00800000);
+    return low(v, set(from->most));
+}
+
+/* Albedo; what is below 2^-126 does not matter to its code. */
+LULL_INLINE vec clamped(vec v) { return low(high(v, set(0.0f)), set(1.0f)); }
+
+LULL_INLINE ivec radiance_code(const lull_encoding *from, vec r, vec albedo)
+{
+    vec v = quotient(sane_radiance(r, from), add(albedo, set(LULL_FILTER_EPSILON)));
+    v = add(set(1.0f), mul(set(LULL_LOG_GAIN), v));
+    return to_codes(mul(log2_of(v), set(LULL_CODES_PER_OCTAVE)));
+}
+
+LULL_INLINE ivec albedo_code(vec albedo) { return to_codes(mul(albedo, set(255.0f))); }
+
+LULL_INLINE ivec normal_code(vec v)
+{
+    v = low(high(is_number(v), set(-1.0f)), set(1.0f));
+    return to_codes(add(mul(v, set(127.5f)), set(127.5f)));
+}
+
+LULL_INLINE ivec dword(ivec a, ivec b, ivec c, ivec d)
+{
+    return or_int(or_int(a, shift_left(b, 8)), or_int(shift_left(c, 16), shift_left(d, 24)));
+}
+
+LULL_INLINE void encode_block(uint8_t *codes, const lull_encoding *from, size_t p, unsigned n)
+{
+    const ivec zero = set_int(0), middle = set_int(128);
+    vec r, g, b, v, w, x;
+    ivec a[3] = {zero, zero, zero}, m[3] = {middle, middle, middle}, d0, d1, d2;
+    v = w = x = set(1.0f - LULL_FILTER_EPSILON);
+    if (from->albedo) {
+        split(from->albedo + 3 * p, n, &v, &w, &x);
+        v = clamped(v), w = clamped(w), x = clamped(x);
+        a[0] = albedo_code(v), a[1] = albedo_code(w), a[2] = albedo_code(x);
+    }
+    split(from->radiance + 3 * p, n, &r, &g, &b);
+    d0 = dword(radiance_code(from, r, v), radiance_code(from, g, w), radiance_code(from, b, x),
+               a[0]);
+    if (from->normal) {
+        split(from->normal + 3 * p, n, &r, &g, &b);
+        m[0] = normal_code(r), m[1] = normal_code(g), m[2] = normal_code(b);
+    }
+    d1 = dword(a[1], a[2], m[0], m[1]);
+    d2 = or_int(m[2], set_int((int)(from->flags << 8)));
+    join((float *)(void *)(codes + 12 * p), n, floats(d0), floats(d1), floats(d2));
+}
+
+void NAME(encode)(uint8_t *codes, const lull_encoding *from, unsigned pixels){
+#define BLOCK(n) encode_block(codes, from, p, n)
+    FOR_BLOCKS(pixels)
+#undef BLOCK
+}
+
+/* ---- Radiance -------------------------------------------------------------------------------- */
+
+LULL_INLINE vec sane_albedo(vec v)
+{
+    return low(above(high(v, set(0.0f)), 0x00800000), set(1.0f));
+}
+
+LULL_INLINE void spread_block(float *out, size_t plane, const float *albedo, unsigned n)
+{
+    vec r, g, b;
+    split(albedo, n, &r, &g, &b);
+    store_n(out, set(1.0f), n);
+    store_n(out + plane, sane_albedo(r), n);
+    store_n(out + 2 * plane, sane_albedo(g), n);
+    store_n(out + 3 * plane, sane_albedo(b), n);
+}
+
+void NAME(spread)(float *out, size_t plane, const float *albedo, unsigned pixels){
+#define BLOCK(n) spread_block(out + p, plane, albedo + 3 * p, n)
+    FOR_BLOCKS(pixels)
+#undef BLOCK
+}
+
+LULL_INLINE vec
+    demodulated(vec r, const float *smooth, vec confidence, const lull_encoding *from, unsigned n)
+{
+    return mul(confidence, quotient(sane_radiance(r, from), load_n(smooth, n)));
+}
+
+LULL_INLINE void demodulate_block(float *out, size_t plane, const lull_encoding *from,
+                                  const float *radiance, const float *smooth, size_t smooth_plane,
+                                  ivec codes, const tables *t, unsigned n)
+{
+    vec r, g, b, c = weights(t, codes);
+    split(radiance, n, &r, &g, &b);
+    store_n(out, c, n);
+    store_n(out + plane, demodulated(r, smooth, c, from, n), n);
+    store_n(out + 2 * plane, demodulated(g, smooth + smooth_plane, c, from, n), n);
+    store_n(out + 3 * plane, demodulated(b, smooth + 2 * smooth_plane, c, from, n), n);
+}
+
+/* Confidence codes of n pixels from pixel p on. */
+#define CONFIDENCE(n)                                                                              \
+    shift_right(codes_at(codes + p * code_step + LULL_HEAD_CONFIDENCE - 3, code_step, n), 24)
+
+void NAME(demodulate)(float *out, size_t plane, const lull_encoding *from, const float *smooth,
+                      size_t smooth_plane, const uint8_t *codes, size_t code_step,
+                      const float *table, unsigned pixels)
+{
+    tables t;
+    tables_init(&t, table);
+#define BLOCK(n)                                                                                   \
+    demodulate_block(out + p, plane, from, from->radiance + 3 * p, smooth + p, smooth_plane,       \
+                     CONFIDENCE(n), &t, n)
+    FOR_BLOCKS(pixels)
+#undef BLOCK
+}
+
+/* The sums over 2x2 pixels; n is of the coarse level. */
+LULL_INLINE vec sum_2x2(const float *above_it, const float *below, unsigned n)
+{
+    unsigned first = n == LANES ? LANES : lull_min_u(2 * n, LANES), second = 2 * n - first;
+    vec left, right, sum;
+    split_pairs(load_n(above_it, first), load_n(above_it + LANES, second), &left, &right);
+    sum = add(left, right);
+    split_pairs(load_n(below, first), load_n(below + LANES, second), &left, &right);
+    return add(add(sum, left), right);
+}
+
+LULL_INLINE void shrink_block(float *out, size_t out_plane, const float *upper, const float *lower,
+                              size_t plane, ivec codes, const tables *t, unsigned n)
+{
+    vec weight = sum_2x2(upper, lower, n), c = weights(t, codes), zero = set(0.0f);
+    store_n(out, select(weight, c, zero), n);
+    for (unsigned i = 1; i < 4; i++) {
+        vec sum = sum_2x2(upper + i * plane, lower + i * plane, n);
+        store_n(out + i * out_plane, select(weight, mul(c, quotient(sum, weight)), zero), n);
+    }
+}
+
+void NAME(shrink)(float *out, size_t out_plane, const float *upper, const float *lower,
+                  size_t plane, const uint8_t *codes, size_t code_step, const float *table,
+                  unsigned pixels)
+{
+    tables t;
+    tables_init(&t, table);
+#define BLOCK(n)                                                                                   \
+    shrink_block(out + p, out_plane, upper + 2 * p, lower + 2 * p, plane, CONFIDENCE(n), &t, n)
+    FOR_BLOCKS(pixels)
+#undef BLOCK
+}
+
+/* 0.75 a + 0.25 b. */
+LULL_INLINE vec between(vec a, vec b) { return add(mul(set(0.75f), a), mul(set(0.25f), b)); }
+
+LULL_INLINE vec coarse_at(const lull_blending *b, size_t at, ptrdiff_t beside, unsigned n)
+{
+    ptrdiff_t i = (ptrdiff_t)at + beside;
+    return between(load_n(b->near + i, n), load_n(b->far + i, n));
+}
+
+LULL_INLINE vec blended(const lull_blending *b, size_t at, vec up, vec beta, unsigned n)
+{
+    vec fine = load_n(b->fine + at, n);
+    return add(fine, mul(beta, sub(up, fine)));
+}
+
+/* n pairs from pair p on. */
+LULL_INLINE void blend_block(const lull_blending *blending, size_t p, unsigned n)
+{
+    unsigned first = n == LANES ? LANES : lull_min_u(2 * n, LANES), second = 2 * n - first;
+    lull_blending b = *blending;
+    const uint8_t *q = b.codes + 2 * p;
+    vec beta0 = look_up(b.table, q, first), beta1 = beta0;
+    if (second)
+        beta1 = look_up(b.table, q + LANES, second);
+    for (unsigned c = 0; c < 3; c++) {
+        vec here = coarse_at(&b, p, 0, n), v, w;
+        join_pairs(between(here, coarse_at(&b, p, -1, n)), between(here, coarse_at(&b, p, 1, n)),
+                   &v, &w);
+        store_n(b.out + 2 * p, blended(&b, 2 * p, v, beta0, first), first);
+        if (second)
+            store_n(b.out + 2 * p + LANES, blended(&b, 2 * p + LANES, w, beta1, second), second);
+        b.out += b.out_plane, b.fine += b.fine_plane;
+        b.near += b.coarse_plane, b.far += b.coarse_plane;
+    }
+}
+
+void NAME(blend)(const lull_blending *blending){
+#define BLOCK(n) blend_block(blending, p, n)
+    FOR_BLOCKS(blending->pairs)
+#undef BLOCK
+}
+
+LULL_INLINE vec modulated(const float *v, const float *smooth, vec unscale, unsigned n)
+{
+    vec product = high(mul(load_n(v, n), load_n(smooth, n)), set(0.0f));
+    return mul(low(above(product, 0x00800000), set(LULL_LARGEST)), unscale);
+}
+
+LULL_INLINE void modulate_block(float *out, const float *v, size_t plane, const float *smooth,
+                                size_t smooth_plane, float unscale, unsigned n)
+{
+    vec factor = set(unscale);
+    join(out, n, modulated(v, smooth, factor, n),
+         modulated(v + plane, smooth + smooth_plane, factor, n),
+         modulated(v + 2 * plane, smooth + 2 * smooth_plane, factor, n));
+}
+
+void NAME(modulate)(float *out, const float *v, size_t plane, const float *smooth,
+                    size_t smooth_plane, float unscale, unsigned pixels){
+#define BLOCK(n) modulate_block(out + 3 * p, v + p, plane, smooth + p, smooth_plane, unscale, n)
+    FOR_BLOCKS(pixels)
+#undef BLOCK
+}
+
+LULL_INLINE vec sane(vec v)
+{
+    return low(above(high(v, set(0.0f)), 0x00800000), set(LULL_LARGEST));
+}
+
+LULL_INLINE void luminance_block(float *sums, const float *pixels, unsigned n)
+{
+    vec r, g, b;
+    split(pixels, n, &r, &g, &b);
+    r = add(mul(set(0.212671f), sane(r)), mul(set(0.715160f), sane(g)));
+    store_n(sums, add(load_n(sums, n), add(r, mul(set(0.072169f), sane(b)))), n);
+}
+
+void NAME(luminance)(float *sums, const float *pixels, unsigned n)
+{
+    unsigned count = n;
+#define BLOCK(n) luminance_block(sums + p, pixels + 3 * p, n)
+    FOR_BLOCKS(count)
+#undef BLOCK
+}
