@@ -77,13 +77,15 @@ def waves(h: int, w: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndar
     longest = math.exp(rng.uniform(*map(math.log, WAVELENGTHS)))
     k = 2 * np.pi / (longest * 2.0 ** -rng.uniform(0, 1.5, n))
     angle, phase = rng.uniform(0, 2 * np.pi, (2, n))
-    kx, ky = k * np.cos(angle), k * np.sin(angle)
-    wave = np.exp(1j * (ky[:, None] * np.arange(h) + phase[:, None]))[:, :, None] \
-        * np.exp(1j * kx[:, None] * np.arange(w))[:, None, :]
-    f = math.sqrt(2.0 / n) * wave.real.sum(0)
-    slope = math.sqrt(2.0 / n) * np.hypot(np.tensordot(kx, wave.imag, 1),
-                                          np.tensordot(ky, wave.imag, 1))
-    return f.astype(np.float32), slope.astype(np.float32)
+    kx, ky = (k * np.cos(angle))[:, None], (k * np.sin(angle))[:, None]
+    x = (kx * np.arange(w)).astype(np.float32)
+    y = (ky * np.arange(h) + phase[:, None]).astype(np.float32)
+    cx, sx, cy, sy = np.cos(x), np.sin(x), np.cos(y).T, np.sin(y).T
+    scale = np.float32(math.sqrt(2.0 / n))
+    f = scale * (cy @ cx - sy @ sx)  # the sum of cos(x + y)
+    kx, ky = kx.astype(np.float32), ky.astype(np.float32)
+    slope = scale * np.hypot(sy @ (kx * cx) + cy @ (kx * sx), sy @ (ky * cx) + cy @ (ky * sx))
+    return f, slope
 
 
 def figure(h: int, w: int, rng: np.random.Generator) -> np.ndarray:

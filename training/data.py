@@ -157,8 +157,10 @@ class Batches:
             y[:] = 0.0
         if self.family == "K":
             x = kernel_model.planes(x, self.features, *self.presence(rng), clipped)
-        pad = ((0, t - x.shape[0]), (0, t - x.shape[1]), (0, 0))
-        return tuple(np.ascontiguousarray(np.pad(a, pad).transpose(2, 0, 1)) for a in (x, y))
+        tiles = [np.zeros((a.shape[-1], t, t), np.float32) for a in (x, y)]
+        for tile, a in zip(tiles, (x, y)):
+            tile[:, :a.shape[0], :a.shape[1]] = a.transpose(2, 0, 1)
+        return tuple(tiles)
 
     def presence(self, rng: np.random.Generator) -> tuple[bool, bool]:
         """Whether a tile keeps its albedo and its normals."""
@@ -259,7 +261,8 @@ class Batches:
 
 def shuffle(x: np.ndarray, y: np.ndarray, features: list[str], main: str, rng: np.random.Generator,
             signs: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
-    """Random channel permutations, flips and transposition of a tile and its target, [h,w,C].
+    """Random channel permutations, flips and transposition of a tile and its target, [h,w,C], whose
+    memory the results may share.
 
     RGB of colour and albedo are permuted together, normals on their own (they may be in any space);
     sh1 keeps three random channels of its nine.
@@ -288,7 +291,7 @@ def shuffle(x: np.ndarray, y: np.ndarray, features: list[str], main: str, rng: n
         x, y = x[:, ::-1], y[:, ::-1]
     if rng.random() < 0.5:
         x, y = x.transpose(1, 0, 2), y.transpose(1, 0, 2)
-    return x.copy(), y.copy()
+    return x, y
 
 
 def hold_out(groups: list[Group], count: int) -> tuple[list[Group], list[Group]]:
