@@ -69,6 +69,45 @@ static int keep_going(const lull_task *t, const lull_host *host)
     return !host || !host->progress || host->progress(host->user, fraction_done(t));
 }
 
+/* 1 if each part of a row of layer `next` needs no more of the layers from `first` on than the same
+ * part. */
+static int is_local(const lull_graph *graph, unsigned first, unsigned next)
+{
+    const lull_layer *layer = &graph->layer[next];
+    if (layer->level != graph->layer[first].level || layer->pool || graph->layer[first].pool ||
+        lull_layer_rows(layer) > 1 || lull_layer_rows(&graph->layer[first]) > 1)
+        return 0;
+    for (unsigned s = 0; s < LULL_MAX_SOURCES && layer->source[s] != LULL_TENSOR_NONE; s++)
+        if (layer->source[s] > first && layer->source[s] <= next &&
+            layer->reads[s] != LULL_READS_ROW)
+            return 0;
+    return 1;
+}
+
+/* Takes the turn of layer l, and of those after it that can be made together with it. Their parts
+ * are then still in caches. Notes what will be done, and returns the number of layers. */
+static unsigned take_turns(lull_task *t, unsigned l, unsigned ready, const lull_host *host)
+{
+    lull_plan *plan = t->plan;
+    const lull_graph *graph = &plan->model->graph;
+    unsigned first = plan->done[l + 1], chunk = lull_plan_chunk(plan, l), next = l + 1;
+    plan->done[l + 1] = ready;
+    for (; next < graph->layers && is_local(graph, l, next); next++) {
+        if (graph->layer[next].op == LULL_OP_SMOOTH && !plan->keeps_rows)
+            load_albedo(t, host);
+        if (plan->done[next + 1] != first || lull_plan_turn(plan, next) != ready)
+            break;
+        plan->done[next + 1] = ready;
+        chunk = lull_min_u(chunk, lull_plan_chunk(plan, next));
+    }
+    t->layer = l;
+    t->first = first;
+    t->chunk = chunk;
+    t->stores = next == graph->layers && plan->strips == 1 && plan->stored == first &&
+                lull_layer_rows(&graph->layer[l]) == 1;
+    return next - l;
+}
+
 /* Every layer's turn; then stores the rows of the frame that became ready, in an output image that
  * begins with row base_row. Returns 0 if the host cancels. */
 static int advance(lull_task *t, unsigned base_row, const lull_host *host)
@@ -76,26 +115,26 @@ static int advance(lull_task *t, unsigned base_row, const lull_host *host)
     lull_plan *plan = t->plan;
     const lull_graph *graph = &plan->model->graph;
     unsigned ready;
-    for (unsigned l = 0; l < graph->layers; l++) {
+    t->base_row = base_row;
+    for (unsigned l = 0; l < graph->layers; l += t->layers) {
+        t->layers = 1;
         if (graph->layer[l].op == LULL_OP_SMOOTH && !plan->keeps_rows)
             load_albedo(t, host);
         ready = lull_plan_turn(plan, l);
-        t->layer = l;
-        t->chunk = lull_plan_chunk(plan, l);
-        t->first = plan->done[l + 1];
-        if (t->first == ready)
+        if (plan->done[l + 1] == ready)
             continue;
         if (!keep_going(t, host))
             return 0;
+        t->layers = take_turns(t, l, ready, host);
         make_rows(t, host, (ready - t->first) / lull_layer_rows(&graph->layer[l]),
                   (t->right - t->left) >> graph->layer[l].level, lull_exec_chunk);
-        plan->done[l + 1] = ready;
+        if (t->stores)
+            plan->stored = lull_min_u(ready, plan->frame.height);
     }
     if (!keep_going(t, host))
         return 0;
     ready = lull_min_u(plan->done[graph->layers], plan->frame.height);
     t->first = plan->stored;
-    t->base_row = base_row;
     t->chunk = lull_plan_band(plan);
     make_rows(t, host, ready - t->first, t->end - t->begin, lull_exec_store);
     plan->stored = ready;

@@ -9,7 +9,8 @@
 typedef struct lull_task {
     lull_plan *plan;
     const lull_images *images;
-    unsigned layer;
+    unsigned layer, layers;      /* layers made together, one after the other in each part */
+    unsigned stores;             /* 1: then its rows of the output are stored */
     unsigned first, rows, chunk; /* of a loop: first row to make, rows, columns of a task. Indices
                                   * run down the rows first, so that a part of them is a band of
                                   * columns, much the same one in every loop */
@@ -41,6 +42,9 @@ void lull_exec_load(void *context, unsigned index, unsigned worker);   /* a chun
 void lull_exec_spread(void *context, unsigned index, unsigned worker); /* of the albedo */
 void lull_exec_chunk(void *context, unsigned index, unsigned worker);  /* of the task's layer */
 void lull_exec_store(void *context, unsigned index, unsigned worker);  /* of the output */
+
+/* Stores columns [x, x+n) of row y of the output image. */
+void lull_exec_store_part(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker);
 
 /* Row (counted from the first) and columns of a loop's index; columns are [left, right) of it. */
 typedef struct lull_part {

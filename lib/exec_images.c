@@ -312,17 +312,15 @@ static int store_modulated(const lull_task *t, float *block, unsigned x, unsigne
     return is_direct;
 }
 
-/* A part of a row of the output image. */
-void lull_exec_store(void *context, unsigned index, unsigned worker)
+void lull_exec_store_part(const lull_task *t, unsigned x, unsigned y, unsigned columns,
+                          unsigned worker)
 {
-    const lull_task *t = context;
     lull_plan *plan = t->plan;
-    lull_part part = lull_exec_part(t, index, t->begin, t->end);
-    unsigned y = t->first + part.row, last = plan->model->graph.layers;
+    unsigned last = plan->model->graph.layers, end = x + columns;
     const uint8_t *row = lull_exec_row(plan, last, y);
     float *block = lull_exec_scratch(t, worker);
-    for (unsigned x = part.left; x < part.right; x += LULL_BLOCK) {
-        unsigned n = lull_min_u(LULL_BLOCK, part.right - x);
+    for (; x < end; x += LULL_BLOCK) {
+        unsigned n = lull_min_u(LULL_BLOCK, end - x);
         if (plan->model->graph.family == LULL_FAMILY_U)
             get_output(plan, block, row + (x - t->left) * lull_ring_pixel(&plan->ring[last]), n);
         else if (store_modulated(t, block, x, y, n))
@@ -330,4 +328,11 @@ void lull_exec_store(void *context, unsigned index, unsigned worker)
         finish(block, plan, t->images->output.channels, n);
         lull_image_store(&t->images->output, plan->frame.width, x, y - t->base_row, n, block);
     }
+}
+
+void lull_exec_store(void *context, unsigned index, unsigned worker)
+{
+    const lull_task *t = context;
+    lull_part part = lull_exec_part(t, index, t->begin, t->end);
+    lull_exec_store_part(t, part.left, t->first + part.row, part.right - part.left, worker);
 }

@@ -277,18 +277,22 @@ void lull_exec_filter(const lull_task *t, unsigned x, unsigned y, unsigned n, un
     make[layer->op](t, x, y, n, codes, step, worker);
 }
 
-/* One chunk of columns of a row, or two rows, of a layer. */
+/* One chunk of columns of a row, or two rows, of the layers. */
 void lull_exec_chunk(void *context, unsigned index, unsigned worker)
 {
-    const lull_task *t = context;
-    const lull_layer *layer = &t->plan->model->graph.layer[t->layer];
-    lull_part part = lull_exec_part(t, index, 0, (t->right - t->left) >> layer->level);
-    unsigned y = t->first + part.row * lull_layer_rows(layer), x = part.left;
+    lull_task t = *(const lull_task *)context;
+    const lull_layer *layer = &t.plan->model->graph.layer[t.layer];
+    lull_part part = lull_exec_part(&t, index, 0, (t.right - t.left) >> layer->level);
+    unsigned y = t.first + part.row * lull_layer_rows(layer), x = part.left;
     unsigned n = part.right - part.left;
-    if (layer->is_winograd)
-        lull_exec_winograd(t, x, y, n, worker);
-    else if (lull_layer_is_conv(layer))
-        make_conv(t, x, y, n, worker);
-    else
-        lull_exec_filter(t, x, y, n, worker);
+    for (unsigned end = t.layer + t.layers; t.layer < end; t.layer++, layer++) {
+        if (layer->is_winograd)
+            lull_exec_winograd(&t, x, y, n, worker);
+        else if (lull_layer_is_conv(layer))
+            make_conv(&t, x, y, n, worker);
+        else
+            lull_exec_filter(&t, x, y, n, worker);
+    }
+    if (t.stores && y < t.plan->frame.height && x < t.end)
+        lull_exec_store_part(&t, x, y, lull_min_u(n, t.end - x), worker);
 }
