@@ -35,7 +35,8 @@ def module():
     try:
         return _load(_cache_folder())
     except (RuntimeError, OSError, ImportError) as e:
-        print(f"the fused operations could not be built, PyTorch's operations serve: {e}")
+        print(f"the fused operations could not be built, PyTorch's operations serve: "
+              f"{str(e).splitlines()[0]}")
         return None
 
 

@@ -74,7 +74,8 @@ def encode(radiance: Tensor, x: Tensor, kind: torch.dtype = torch.float32) -> Te
     """mixed_input from the planes of kernel_model.planes and their radiance, in the given type."""
     if fused.usable(radiance, x):
         constants = EPS, RADIANCE_MAX, LOG_GAIN, LOG_SCALE
-        out = fused.module().encode(planar(radiance), planar(x), constants, kind == torch.bfloat16)
+        out = fused.module().encode(planar(radiance), planar(x), constants,
+                                    kind == torch.bfloat16 and x.dtype == torch.float32)
     else:
         out = mixed_input(radiance, x[:, 3:6], x[:, 6:9] * 2 - 1, x[:, 9:10], x[:, 10:11],
                           x[:, 11:12])

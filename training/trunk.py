@@ -60,7 +60,7 @@ class Trunk(torch.autograd.Function):
     @staticmethod
     def forward(ctx, convs: list[Conv], x: Tensor, *parameters: Tensor):
         kind, ops = arithmetic(x), fused.module()
-        kept = [p.detach().to(kind) for p in parameters]
+        kept = ops.cast([p.detach() for p in parameters], kind)
         values = {"input": x.to(kind).contiguous(memory_format=torch.channels_last)}
         inputs, results = [], []
         for i, conv in enumerate(convs):
@@ -73,7 +73,7 @@ class Trunk(torch.autograd.Function):
             y = convolve(y, *kept[2 * i:2 * i + 2], conv.pad)
             results.append(y.contiguous(memory_format=torch.channels_last))
             values[conv.name] = ops.pool(results[-1]) if conv.pool else results[-1]
-        ctx.convs, ctx.kinds = convs, [x.dtype, *(p.dtype for p in parameters)]
+        ctx.convs, ctx.kind = convs, x.dtype
         ctx.channels = {name: value.shape[1] for name, value in values.items()}
         ctx.save_for_backward(*inputs, *results, *kept)
         return tuple(y for y, conv in zip(results, convs) if not conv.pad)
@@ -97,5 +97,5 @@ class Trunk(torch.autograd.Function):
                 uses[conv.source].append((gx, 0))
                 if conv.skip:
                     uses[conv.skip].append((gx, ctx.channels[conv.source]))
-        gx = uses["input"][0][0] if uses["input"] else None
-        return None, *(g if g is None else g.to(k) for g, k in zip([gx, *grads], ctx.kinds))
+        gx = uses["input"][0][0].to(ctx.kind) if uses["input"] else None
+        return None, gx, *ops.cast(grads, ctx.kind)

@@ -1,32 +1,36 @@
-// PyTorch's view of the operations in the headers beside it. CPU only; tensors of images are contiguous,
-// those of the trunk and heads channels-last.
+// PyTorch's view of the operations in the headers beside it. CPU only; tensors of images are
+// contiguous, those of the trunk and heads channels-last.
 #include <torch/extension.h>
 
 #include "kernel_filter.h"
 #include "pointwise.h"
 #include "trunk.h"
 
-namespace {
+namespace
+{
 
 using torch::Tensor;
 using Constants5 = std::array<double, 5>;
 constexpr auto kLast = at::MemoryFormat::ChannelsLast;
 
-#define FOR_FLOATS(TENSOR, ...) \
+#define FOR_FLOATS(TENSOR, ...)                                                                    \
     AT_DISPATCH_FLOATING_TYPES((TENSOR).scalar_type(), "fused", __VA_ARGS__)
-#define FOR_MAPS(TENSOR, ...) \
+#define FOR_MAPS(TENSOR, ...)                                                                      \
     AT_DISPATCH_FLOATING_TYPES_AND(at::kBFloat16, (TENSOR).scalar_type(), "fused", __VA_ARGS__)
 
-template <typename T> const T *planes(const Tensor &t, int64_t &batch) {
+template <typename T> const T *planes(const Tensor &t, int64_t &batch)
+{
     TORCH_CHECK(t.dim() == 4 && t.stride(3) == 1 && t.stride(2) == t.size(3) &&
-                    t.stride(1) == t.size(2) * t.size(3), "images are planar");
+                    t.stride(1) == t.size(2) * t.size(3),
+                "images are planar");
     batch = t.stride(0);
     return t.data_ptr<T>();
 }
 
 template <typename Q>
 auto batch(const std::vector<Tensor> &heads, const Tensor &radiance, const Tensor &albedo,
-           const Tensor &has) {
+           const Tensor &has)
+{
     using T = Arithmetic<Q>;
     Batch<Q, T> b{};
     int64_t h = radiance.size(2), w = radiance.size(3);
@@ -47,9 +51,10 @@ auto batch(const std::vector<Tensor> &heads, const Tensor &radiance, const Tenso
 
 template <typename Q, typename F>
 void for_images(const Batch<Q, Arithmetic<Q>> &b, const Constants5 &c, bool whole,
-                const Tensor &radiance, Tensor kept, F f) {
+                const Tensor &radiance, Tensor kept, F f)
+{
     using T = Arithmetic<Q>;
-    const Constants k{{c[0], whole}, c[1], c[2], c[3], c[4]};
+    const Constants<T> k{{c[0], whole}, c[1], c[2], c[3], c[4]};
     at::parallel_for(0, radiance.size(0), 1, [&](int64_t begin, int64_t end) {
         Tape<T> tape(radiance.size(2), radiance.size(3));
         std::vector<T> work(tape.size);
@@ -62,14 +67,16 @@ void for_images(const Batch<Q, Arithmetic<Q>> &b, const Constants5 &c, bool whol
 
 // {result, tape}
 std::vector<Tensor> filter(std::vector<Tensor> heads, Tensor radiance, Tensor albedo, Tensor has,
-                           Constants5 constants, bool whole) {
+                           Constants5 constants, bool whole)
+{
     Tensor out = torch::empty_like(radiance, at::MemoryFormat::Contiguous), kept;
     FOR_MAPS(heads[0], [&] {
         using T = Arithmetic<scalar_t>;
         auto b = batch<scalar_t>(heads, radiance, albedo, has);
         b.out = out.data_ptr<T>();
         kept = torch::empty({out.size(0), Tape<T>(out.size(2), out.size(3)).kept}, out.options());
-        for_images<scalar_t>(b, constants, whole, radiance, kept, [](auto image) { image.forward(); });
+        for_images<scalar_t>(b, constants, whole, radiance, kept,
+                             [](auto image) { image.forward(); });
     });
     return {out, kept};
 }
@@ -77,7 +84,8 @@ std::vector<Tensor> filter(std::vector<Tensor> heads, Tensor radiance, Tensor al
 // Gradients of the heads.
 std::vector<Tensor> filter_backward(std::vector<Tensor> heads, Tensor radiance, Tensor albedo,
                                     Tensor has, Tensor kept, Tensor gout, Constants5 constants,
-                                    bool whole) {
+                                    bool whole)
+{
     std::vector<Tensor> gradients;
     for (const Tensor &q : heads)
         gradients.push_back(torch::empty_like(q));
@@ -86,47 +94,63 @@ std::vector<Tensor> filter_backward(std::vector<Tensor> heads, Tensor radiance, 
         b.gout.base = planes<Arithmetic<scalar_t>>(gout, b.gout.batch);
         for (int i = 0; i < kLevels; i++)
             b.gradients[i] = gradients[i].data_ptr<scalar_t>();
-        for_images<scalar_t>(b, constants, whole, radiance, kept, [](auto image) { image.backward(); });
+        for_images<scalar_t>(b, constants, whole, radiance, kept,
+                             [](auto image) { image.backward(); });
     });
     return gradients;
 }
 
 // f(Pu, inputs) of every value of tensors of one size.
-template <typename F, typename... In> Tensor pu(double top, F f, const Tensor &t, const In &...more) {
+template <typename F, typename... In> Tensor pu(double top, F f, const Tensor &t, const In &...more)
+{
     Tensor out = torch::empty_like(t);
     FOR_FLOATS(t, [&] {
         const Pu<scalar_t> curve{scalar_t(top)};
-        map(t.numel(), out.data_ptr<scalar_t>(), [&](auto... v) { return f(curve, v...); },
+        map(
+            t.numel(), out.data_ptr<scalar_t>(), [&](auto... v) { return f(curve, v...); },
             t.data_ptr<scalar_t>(), more.template data_ptr<scalar_t>()...);
     });
     return out;
 }
 
-Tensor pu_inverse(Tensor code, double top) {
-    return pu(top, [](auto &curve, auto v) { return curve.inverse(v); }, code.contiguous());
+Tensor pu_inverse(Tensor code, double top)
+{
+    return pu(
+        top, [](auto &curve, auto v) { return curve.inverse(v); }, code.contiguous());
 }
 
 // Of y between two bounds, outside which it has no gradient.
-Tensor pu_forward(Tensor y, double top, double low, double high) {
-    return pu(top, [=](auto &curve, auto v) {
-        using T = std::decay_t<decltype(v[0])>;
-        return curve.forward(clamp<T>(v, low, high));
-    }, y.contiguous());
+Tensor pu_forward(Tensor y, double top, double low, double high)
+{
+    return pu(
+        top,
+        [=](auto &curve, auto v) {
+            using T = std::decay_t<decltype(v[0])>;
+            return curve.forward(clamp<T>(v, low, high));
+        },
+        y.contiguous());
 }
 
-Tensor pu_backward(Tensor y, Tensor g, double top, double low, double high) {
-    return pu(top, [=](auto &curve, auto v, auto g) {
-        using T = std::decay_t<decltype(v[0])>;
-        return v < T(low) ? decltype(v)() : v > T(high) ? decltype(v)() : g * curve.slope(v);
-    }, y.contiguous(), g.contiguous());
+Tensor pu_backward(Tensor y, Tensor g, double top, double low, double high)
+{
+    return pu(
+        top,
+        [=](auto &curve, auto v, auto g) {
+            using T = std::decay_t<decltype(v[0])>;
+            return v < T(low) ? decltype(v)() : v > T(high) ? decltype(v)() : g * curve.slope(v);
+        },
+        y.contiguous(), g.contiguous());
 }
 
 // The network's input, bf16 or as x; constants: those of Encoder.
-Tensor encode(Tensor radiance, Tensor x, std::array<double, 4> constants, bool bf16) {
+Tensor encode(Tensor radiance, Tensor x, std::array<double, 4> constants, bool bf16)
+{
     const Encoder e{constants[0], constants[1], constants[2], constants[3]};
     const int64_t h = x.size(2), w = x.size(3);
-    Tensor out = torch::empty(x.sizes(), bf16 ? x.options().dtype(at::kBFloat16) : x.options(), kLast);
+    Tensor out =
+        torch::empty(x.sizes(), bf16 ? x.options().dtype(at::kBFloat16) : x.options(), kLast);
     TORCH_CHECK(x.size(1) == 12 && radiance.size(1) == 3, "12 planes, 3 of radiance");
+    TORCH_CHECK(!bf16 || x.scalar_type() == at::kFloat, "bf16 of fp32");
     FOR_FLOATS(x, [&] {
         int64_t batch, colours;
         const scalar_t *in = planes<scalar_t>(x, batch), *r = planes<scalar_t>(radiance, colours);
@@ -134,10 +158,12 @@ Tensor encode(Tensor radiance, Tensor x, std::array<double, 4> constants, bool b
             for (int64_t i = begin; i < end; i++) {
                 const int64_t n = i / h, at = i % h * w;
                 const scalar_t *from = in + n * batch + at, *rad = r + n * colours + at;
-                if (bf16)
-                    e.row(rad, from, h * w, w, out.data_ptr<at::BFloat16>() + i * w * 12);
-                else
-                    e.row(rad, from, h * w, w, out.data_ptr<scalar_t>() + i * w * 12);
+                if constexpr (std::is_same_v<scalar_t, float>)
+                    if (bf16) {
+                        e.row(rad, from, h * w, w, out.data_ptr<at::BFloat16>() + i * w * 12);
+                        continue;
+                    }
+                e.row(rad, from, h * w, w, out.data_ptr<scalar_t>() + i * w * 12);
             }
         });
     });
@@ -145,42 +171,50 @@ Tensor encode(Tensor radiance, Tensor x, std::array<double, 4> constants, bool b
 }
 
 // {loss, derivative by a}
-std::vector<Tensor> l1_grad(Tensor a, Tensor b) {
+std::vector<Tensor> l1_grad(Tensor a, Tensor b)
+{
     TORCH_CHECK(a.is_contiguous() && b.is_contiguous() && a.sizes() == b.sizes() && a.dim() >= 2,
                 "images are alike and contiguous");
     Tensor loss = torch::empty({}, a.options()), da = torch::empty_like(a);
     const int64_t h = a.size(-2), w = a.size(-1);
     FOR_FLOATS(a, [&] {
         *loss.data_ptr<scalar_t>() =
-            l1_and_gradient(a.data_ptr<scalar_t>(), b.data_ptr<scalar_t>(), a.numel() / (h * w), h, w,
-                            da.data_ptr<scalar_t>());
+            l1_and_gradient(a.data_ptr<scalar_t>(), b.data_ptr<scalar_t>(), a.numel() / (h * w), h,
+                            w, da.data_ptr<scalar_t>());
     });
     return {loss, da};
 }
 
 // Image n of a channels-last tensor.
-template <typename Q> Map<Q> image(const Tensor &t, int64_t n) {
+template <typename Q> Map<Q> image(const Tensor &t, int64_t n)
+{
     TORCH_CHECK(t.is_contiguous(kLast), "channels-last");
     const int64_t h = t.size(2), w = t.size(3), c = t.size(1);
     return {t.data_ptr<std::remove_const_t<Q>>() + n * h * w * c, h, w, c};
 }
 
-template <typename F> void for_batch(int64_t count, F f) {
+template <typename F> void for_batch(int64_t count, F f)
+{
     at::parallel_for(0, count, 1, [&](int64_t begin, int64_t end) {
         for (int64_t n = begin; n < end; n++)
             f(n);
     });
 }
 
-Tensor pool(Tensor y) {
-    Tensor out = torch::empty({y.size(0), y.size(1), y.size(2) / 2, y.size(3) / 2}, y.options(), kLast);
+Tensor pool(Tensor y)
+{
+    Tensor out =
+        torch::empty({y.size(0), y.size(1), y.size(2) / 2, y.size(3) / 2}, y.options(), kLast);
     FOR_MAPS(y, [&] {
-        for_batch(y.size(0), [&](int64_t n) { max_pool(image<const scalar_t>(y, n), image<scalar_t>(out, n)); });
+        for_batch(y.size(0), [&](int64_t n) {
+            max_pool(image<const scalar_t>(y, n), image<scalar_t>(out, n));
+        });
     });
     return out;
 }
 
-Tensor join(Tensor a, Tensor skip) {
+Tensor join(Tensor a, Tensor skip)
+{
     Tensor out = torch::empty({skip.size(0), a.size(1) + skip.size(1), skip.size(2), skip.size(3)},
                               skip.options(), kLast);
     FOR_MAPS(skip, [&] {
@@ -192,8 +226,31 @@ Tensor join(Tensor a, Tensor skip) {
     return out;
 }
 
+// Parameters in another type.
+std::vector<Tensor> cast(std::vector<Tensor> from, at::ScalarType kind)
+{
+    std::vector<Tensor> result;
+    for (const Tensor &t : from) {
+        if (t.scalar_type() == kind) {
+            result.push_back(t);
+            continue;
+        }
+        result.push_back(torch::empty_like(t, t.options().dtype(kind)));
+        TORCH_CHECK(t.is_non_overlapping_and_dense() && result.back().strides() == t.strides(),
+                    "dense");
+        FOR_MAPS(t, [&] {
+            const scalar_t *p = t.data_ptr<scalar_t>();
+            FOR_MAPS(result.back(),
+                     [&] { std::copy_n(p, t.numel(), result.back().data_ptr<scalar_t>()); });
+        });
+    }
+    return result;
+}
+
 // first: of each gradient, the channel where that of y begins.
-Tensor relu_backward(Tensor y, bool pooled, std::vector<Tensor> gradients, std::vector<int64_t> first) {
+Tensor relu_backward(Tensor y, bool pooled, std::vector<Tensor> gradients,
+                     std::vector<int64_t> first)
+{
     TORCH_CHECK(!pooled || (y.size(2) % 2 == 0 && y.size(3) % 2 == 0), "even sizes are pooled");
     Tensor out = torch::empty_like(y);
     FOR_MAPS(y, [&] {
@@ -207,9 +264,10 @@ Tensor relu_backward(Tensor y, bool pooled, std::vector<Tensor> gradients, std::
     return out;
 }
 
-}  // namespace
+} // namespace
 
-PYBIND11_MODULE(TORCH_EXTENSION_NAME, m) {
+PYBIND11_MODULE(TORCH_EXTENSION_NAME, m)
+{
     m.def("filter", &filter);
     m.def("filter_backward", &filter_backward);
     m.def("pu_inverse", &pu_inverse);
@@ -219,5 +277,6 @@ PYBIND11_MODULE(TORCH_EXTENSION_NAME, m) {
     m.def("l1_grad", &l1_grad);
     m.def("pool", &pool);
     m.def("join", &join);
+    m.def("cast", &cast);
     m.def("relu_backward", &relu_backward);
 }

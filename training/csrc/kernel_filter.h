@@ -1,8 +1,9 @@
-// The filter of family K (docs/kernel-prediction.md, section Filter) with its derivatives by the heads, one
-// image after the other, row by row: no tensor of weights is ever written.
+// The filter of family K (docs/kernel-prediction.md, section Filter) with its derivatives by the
+// heads, one image after the other, row by row: no tensor of weights is ever written.
 //
-// Images are kept as planes in fp32 (or fp64, for tests) with a border of zeros; heads are read, and their
-// gradients written, as the convolutions have them: [N,H,W,C] in memory, bf16, fp32 or fp64.
+// Images are kept as planes in fp32 (or fp64, for tests) with a border of zeros; heads are read,
+// and their gradients written, as the convolutions have them: [N,H,W,C] in memory, bf16, fp32 or
+// fp64.
 #pragma once
 
 #include <algorithm>
@@ -12,67 +13,95 @@
 
 #include "vectors.h"
 
-namespace {
+namespace
+{
 
 constexpr int kSide = 5, kRadius = 2, kTaps = kSide * kSide, kLevels = 5;
-constexpr int kConfidence = kTaps, kBlend = kTaps + 1, kAlbedo = kTaps + 2;  // channels of a head
-constexpr int kPlanes = 4;  // of what a kernel filters: a weight and three weighted colours
+constexpr int kConfidence = kTaps, kBlend = kTaps + 1, kAlbedo = kTaps + 2; // channels of a head
+constexpr int kPlanes = 4; // of what a kernel filters: a weight and three weighted colours
 
-// Planes of one image, rows of whole vectors, at least kRadius pixels around them; the left border of a
-// row is the right one of the row above.
+// Planes of one image, rows of whole vectors, at least kRadius pixels around them; the left border
+// of a row is the right one of the row above.
 template <typename T> struct Planes {
     T *base = nullptr;
     int64_t w = 0, h = 0, stride = 0, size = 0, count = 0;
 
     Planes() = default;
-    Planes(int64_t count, int64_t h, int64_t w) : w(w), h(h), count(count) {
+    Planes(int64_t count, int64_t h, int64_t w) : w(w), h(h), count(count)
+    {
         constexpr int64_t lanes = kLanes<T>;
         stride = (w + lanes - 1) / lanes * lanes + lanes;
         size = stride * (h + 2 * kRadius) + lanes;
     }
-    T *row(int64_t c, int64_t y) const {
+    T *row(int64_t c, int64_t y) const
+    {
         return base + c * size + (y + kRadius) * stride + kLanes<T>;
     }
     void clear() const { std::fill_n(base, count * size, T(0)); }
 };
 
 // The logits of a head: whole codes of 0..255, divided by `step`.
-struct Codes {
-    double step;
-    bool whole;  // false: not rounded (for tests)
+template <typename T> struct Codes {
+    T step;
+    bool whole;          // false: not rounded (for tests)
+    Vector<T> digits[2]; // exp of the logits of a code's two digits to base 16
 
+    Codes(double step, bool whole) : step(T(step)), whole(whole)
+    {
+        for (int i = 0; i < kLanes<T>; i++) {
+            digits[0][i] = std::exp(T(16 * i / step));
+            digits[1][i] = std::exp(T(i / step));
+        }
+    }
     // V: a number or a vector of them. Comparisons let NaN through.
-    template <typename T, typename V> V logit(V q) const {
-        V v = q * T(step);
+    template <typename V> V code(V q) const
+    {
+        V v = q * step;
         v = v < 0 ? V() : v;
-        v = v > 255 ? V() + 255 : v;
-        return (whole ? rounded<T>(v) : v) * T(1 / step);
+        return v > 255 ? V() + 255 : v;
     }
-    template <typename T> static T rounded(T v) { return std::floor(v + T(0.5)); }
-    template <typename T> static Vector<T> rounded(Vector<T> v) {
-        const auto code = __builtin_convertvector(v + T(0.5), Vector<Index<T>>);
-        return v != v ? v : __builtin_convertvector(code, Vector<T>);
+    T logit(T q) const
+    {
+        const T v = code(q);
+        return (whole ? std::floor(v + T(0.5)) : v) / step;
     }
-
+    Vector<T> weight(Vector<T> q) const
+    { // exp of the logit
+        auto v = code(q);
+        if (whole) {
+            const auto n = __builtin_convertvector(v + T(0.5), Vector<Index<T>>);
+            const auto none = n >> (8 * sizeof(T) - 1); // all ones, a NaN, where NaN became
+                                                        // negative
+#ifdef __AVX512F__
+            if constexpr (std::is_same_v<T, float>) {
+                const auto high = _mm512_permutexvar_ps((__m512i)(n >> 4), (__m512)digits[0]);
+                const auto low = _mm512_permutexvar_ps((__m512i)n, (__m512)digits[1]);
+                return (Vector<T>)((Vector<Index<T>>)(high * low) | none);
+            }
+#endif
+            v = (Vector<T>)((Vector<Index<T>>)__builtin_convertvector(n, Vector<T>) | none);
+        }
+        return fast_exp(v / step);
+    }
     // The gradient g of a channel passes where its code was not clamped.
-    template <typename T, typename V> V passed(V q, V g) const {
-        const V v = q * T(step);
+    template <typename V> V passed(V q, V g) const
+    {
+        const V v = q * step;
         return v < 0 ? V() : v > 255 ? V() : g;
     }
 
     // Kernel weights of a row of w pixels, from the first of their logits to planar rows.
-    template <typename Q, typename T>
-    void weights(const Q *q, int64_t c, int64_t w, T *to, int64_t stride) const {
+    template <typename Q>
+    void weights(const Q *q, int64_t c, int64_t w, T *to, int64_t stride) const
+    {
         constexpr int lanes = kLanes<T>;
         Vector<T> m[lanes];
         for (int64_t x = 0; x < w; x += lanes)
             for (int k = 0; k < kTaps; k += lanes) {
                 const int first = std::min(k, kTaps - lanes);
 #pragma GCC unroll 16
-                for (int i = 0; i < lanes; i++) {
-                    const Q *from = q + std::min(x + i, w - 1) * c + first;
-                    m[i] = fast_exp(logit<T>(read<T>(from)));
-                }
+                for (int i = 0; i < lanes; i++)
+                    m[i] = weight(read<T>(q + std::min(x + i, w - 1) * c + first));
                 transpose<T>(m);
 #pragma GCC unroll 16
                 for (int i = 0; i < lanes; i++)
@@ -81,8 +110,9 @@ struct Codes {
     }
 
     // The way of `weights` backwards.
-    template <typename Q, typename T>
-    void gradients(const Q *q, int64_t c, int64_t w, const T *from, int64_t stride, Q *gq) const {
+    template <typename Q>
+    void gradients(const Q *q, int64_t c, int64_t w, const T *from, int64_t stride, Q *gq) const
+    {
         constexpr int lanes = kLanes<T>;
         Vector<T> m[lanes];
         for (int64_t x = 0; x < w; x += lanes)
@@ -96,7 +126,7 @@ struct Codes {
                 for (int i = 0; i < lanes; i++)
                     if (x + i < w) {
                         const int64_t at = (x + i) * c + first;
-                        write<T>(gq + at, passed<T>(read<T>(q + at), m[i]));
+                        write<T>(gq + at, passed(read<T>(q + at), m[i]));
                     }
             }
     }
@@ -104,7 +134,8 @@ struct Codes {
 
 // One row of the filter: s[c](x) = sum over taps of e[k](x) v[c](x + tap).
 template <typename T>
-void filter_row(const T *e, int64_t stride, const Planes<T> &v, const Planes<T> &s, int64_t y) {
+void filter_row(const T *e, int64_t stride, const Planes<T> &v, const Planes<T> &s, int64_t y)
+{
     for (int64_t x = 0; x < v.w; x += kLanes<T>) {
         Vector<T> sum[kPlanes] = {};
         for (int dy = 0; dy < kSide; dy++)
@@ -121,7 +152,8 @@ void filter_row(const T *e, int64_t stride, const Planes<T> &v, const Planes<T> 
 // Its derivative by the logits, l[k] = e[k] * sum of gs[c](x) v[c](x + tap).
 template <typename T>
 void logits_row(const T *e, int64_t stride, const Planes<T> &v, const Planes<T> &gs, int64_t y,
-                T *l) {
+                T *l)
+{
     for (int64_t x = 0; x < v.w; x += kLanes<T>) {
         Vector<T> g[kPlanes];
         for (int c = 0; c < kPlanes; c++)
@@ -137,11 +169,12 @@ void logits_row(const T *e, int64_t stride, const Planes<T> &v, const Planes<T> 
     }
 }
 
-// Its derivative by v, a row: gv[c](x) = sum over taps of e[k](x - tap) gs[c](x - tap); rows: those of
-// e around y, from y + kRadius upwards in the order of the taps.
+// Its derivative by v, a row: gv[c](x) = sum over taps of e[k](x - tap) gs[c](x - tap); rows: those
+// of e around y, from y + kRadius upwards in the order of the taps.
 template <typename T>
 void values_row(const std::array<const T *, kSide> &rows, int64_t stride, const Planes<T> &gs,
-                const Planes<T> &gv, int64_t y) {
+                const Planes<T> &gv, int64_t y)
+{
     for (int64_t x = 0; x < gv.w; x += kLanes<T>) {
         Vector<T> sum[kPlanes] = {};
         for (int dy = 0; dy < kSide; dy++)
@@ -156,19 +189,24 @@ void values_row(const std::array<const T *, kSide> &rows, int64_t stride, const 
     }
 }
 
-// Bilinear by 2 with repeated edges, and its adjoint; rows y of the large image, `coarse` the small one.
+// Bilinear by 2 with repeated edges, and its adjoint; rows y of the large image, `coarse` the small
+// one.
 template <typename T> struct Upsampler {
     const Planes<T> &coarse;
     std::vector<T> small, large;
 
     explicit Upsampler(const Planes<T> &coarse)
-        : coarse(coarse), small(coarse.w + 2), large(2 * coarse.w + 2) {}
+        : coarse(coarse), small(coarse.w + 2), large(2 * coarse.w + 2)
+    {
+    }
 
-    std::array<T *, 2> rows(int c, int64_t y) const {  // weights 3/4 and 1/4
+    std::array<T *, 2> rows(int c, int64_t y) const
+    { // weights 3/4 and 1/4
         const int64_t near = y / 2, far = near + (y % 2 ? 1 : -1);
         return {coarse.row(c, near), coarse.row(c, std::clamp<int64_t>(far, 0, coarse.h - 1))};
     }
-    const T *up(int c, int64_t y) {
+    const T *up(int c, int64_t y)
+    {
         const auto [near, far] = rows(c, y);
         T *m = small.data() + 1, *out = large.data();
         for (int64_t x = 0; x < coarse.w; x++)
@@ -181,15 +219,17 @@ template <typename T> struct Upsampler {
         }
         return out;
     }
-    T *gradient() { return large.data() + 1; }  // to be filled for `down`
-    void down(int c, int64_t y, int64_t w) {
+    T *gradient() { return large.data() + 1; } // to be filled for `down`
+    void down(int c, int64_t y, int64_t w)
+    {
         const auto [near, far] = rows(c, y);
         T *g = gradient();
         std::fill(g + w, g + 2 * coarse.w, T(0));
         g[-1] = g[0];
         g[2 * coarse.w] = g[2 * coarse.w - 1];
         for (int64_t x = 0; x < coarse.w; x++) {
-            const T v = T(0.75) * (g[2 * x] + g[2 * x + 1]) + T(0.25) * (g[2 * x - 1] + g[2 * x + 2]);
+            const T v =
+                T(0.75) * (g[2 * x] + g[2 * x + 1]) + T(0.25) * (g[2 * x - 1] + g[2 * x + 2]);
             small[x] = v;
         }
         for (int64_t x = 0; x < coarse.w; x++)
@@ -200,22 +240,24 @@ template <typename T> struct Upsampler {
 };
 
 template <typename T> struct Level {
-    Planes<T> v, s, out, beta;  // confidence and weighted radiance, their sums, blended result, weight
-    Planes<T> gs, gv, gout;     // gradients
+    Planes<T> v, s, out, beta;      // confidence and weighted radiance, their sums, blended result,
+                                    // weight
+    Planes<T> gs, gv, gout, gblend; // gradients
 };
 
 // What forward leaves for backward, and the gradients' work space, of one image.
 template <typename T> struct Tape {
     std::array<Level<T>, kLevels> levels;
-    Planes<T> albedo, sums, smooth;  // (1, albedo), filtered; what multiplies the result
+    Planes<T> albedo, sums, smooth; // (1, albedo), filtered; what multiplies the result
     Planes<T> gsums, gsmooth;
     int64_t kept = 0, size = 0;
 
-    Tape(int64_t h, int64_t w) {
+    Tape(int64_t h, int64_t w)
+    {
         for (Level<T> &l : levels) {
             l.v = l.s = l.gs = l.gv = Planes<T>(kPlanes, h, w);
             l.out = l.gout = Planes<T>(3, h, w);
-            l.beta = Planes<T>(1, h, w);
+            l.beta = l.gblend = Planes<T>(1, h, w);
             h = (h + 1) / 2;
             w = (w + 1) / 2;
         }
@@ -223,7 +265,8 @@ template <typename T> struct Tape {
         smooth = gsmooth = levels[0].out;
         place(nullptr, nullptr);
     }
-    void place(T *kept_memory, T *work) {
+    void place(T *kept_memory, T *work)
+    {
         kept = size = 0;
         const auto take = [](Planes<T> &p, T *memory, int64_t &at) {
             p.base = memory + at;
@@ -236,15 +279,15 @@ template <typename T> struct Tape {
         for (Level<T> &l : levels) {
             for (Planes<T> *p : {&l.v, &l.s, &l.out, &l.beta})
                 take(*p, kept_memory, kept);
-            for (Planes<T> *p : {&l.gs, &l.gv, &l.gout})
+            for (Planes<T> *p : {&l.gs, &l.gv, &l.gout, &l.gblend})
                 take(*p, work, size);
         }
     }
 };
 
-struct Constants {
-    Codes codes;
-    double eps, radiance_max, confidence, blend;  // the last two are added to the logits
+template <typename T> struct Constants {
+    Codes<T> codes;
+    double eps, radiance_max, confidence, blend; // the last two are added to the logits
 };
 
 // Planar images, so many elements apart.
@@ -264,138 +307,146 @@ template <typename Q, typename T> struct Batch {
 
 template <typename Q, typename T> struct Image {
     const Batch<Q, T> &b;
-    const Constants &k;
+    const Constants<T> &k;
     Tape<T> &t;
     const int64_t n, h, w;
-    std::vector<T> buffer;  // rows of kTaps channels
+    // Rows of kTaps channels: those of a filter's weights, and two for anything else.
+    static constexpr int kScratch = kSide, kSlots = kSide + 2;
+    std::vector<T> buffer;
 
-    Image(const Batch<Q, T> &b, const Constants &k, Tape<T> &t, int64_t n)
+    Image(const Batch<Q, T> &b, const Constants<T> &k, Tape<T> &t, int64_t n)
         : b(b), k(k), t(t), n(n), h(t.albedo.h), w(t.albedo.w),
-          buffer(kTaps * t.albedo.stride * (kSide + 1) + 2 * kLanes<T>) {}
+          buffer(kTaps * t.albedo.stride * kSlots + 2 * kLanes<T>)
+    {
+    }
 
     T *row(int slot) { return buffer.data() + kLanes<T> + slot * kTaps * t.albedo.stride; }
     int64_t stride(int level) const { return t.levels[level].v.stride; }
-    int64_t at(int level, int64_t y) const {
+    int64_t at(int level, int64_t y) const
+    {
         const Planes<T> &p = t.levels[level].v;
         return (n * p.h + y) * p.w * b.channels[level];
     }
-    void weights(int level, int64_t y, int first, T *to) const {
+    void weights(int level, int64_t y, int first, T *to) const
+    {
         k.codes.weights(b.heads[level] + at(level, y) + first, b.channels[level],
                         t.levels[level].v.w, to, stride(level));
     }
-    void weights_backward(int level, int64_t y, int first, const T *from) const {
+    void weights_backward(int level, int64_t y, int first, const T *from) const
+    {
         const int64_t q = at(level, y) + first;
         k.codes.gradients(b.heads[level] + q, b.channels[level], t.levels[level].v.w, from,
                           stride(level), b.gradients[level] + q);
     }
     // One channel.
-    void logits(int level, int64_t y, int channel, T *to) const {
+    void logits(int level, int64_t y, int channel, T *to) const
+    {
         const Q *q = b.heads[level] + at(level, y) + channel;
         for (int64_t x = 0; x < t.levels[level].v.w; x++)
-            to[x] = k.codes.template logit<T>(T(q[x * b.channels[level]]));
+            to[x] = k.codes.logit(T(q[x * b.channels[level]]));
     }
-    void logits_backward(int level, int64_t y, int channel, const T *from) const {
+    void logits_backward(int level, int64_t y, int channel, const T *from) const
+    {
         const int64_t q = at(level, y) + channel, c = b.channels[level];
         for (int64_t x = 0; x < t.levels[level].v.w; x++)
             b.gradients[level][q + x * c] =
-                Q(k.codes.template passed<T>(T(b.heads[level][q + x * c]), from[x]));
+                Q(k.codes.passed(T(b.heads[level][q + x * c]), from[x]));
     }
-    const T *plane(const Pictures<T> &images, int c, int64_t y) const {
+    const T *plane(const Pictures<T> &images, int c, int64_t y) const
+    {
         return images.base + n * images.batch + (c * h + y) * w;
     }
 
-    // v of level 0: the radiance over the smoothed albedo.
-    void demodulate() {
+    // v of level 0, a row: the radiance over the smoothed albedo.
+    void demodulate(int64_t y)
+    {
+        weights(0, y, kAlbedo, row(0));
+        filter_row(row(0), stride(0), t.albedo, t.sums, y);
+        const T *has = plane(b.has, 0, y), *sum = t.sums.row(0, y);
+        for (int c = 0; c < 3; c++) {
+            const T *s = t.sums.row(c + 1, y), *r = plane(b.radiance, c, y);
+            T *smooth = t.smooth.row(c, y), *i = t.levels[0].v.row(c + 1, y);
+            for (int64_t x = 0; x < w; x++) {
+                smooth[x] = has[x] * s[x] / sum[x] + T(1 - k.eps) * (1 - has[x]) + T(k.eps);
+                i[x] = std::min(std::max(r[x], T(0)), T(k.radiance_max)) / smooth[x];
+            }
+        }
+    }
+
+    // v of another level: sums over 2x2 pixels of the finer one's, divided by that of the
+    // confidences. Zeros outside stand for pixels that are not there.
+    void pool(int level, int64_t y)
+    {
+        const Planes<T> &fine = t.levels[level - 1].v, &v = t.levels[level].v;
+        for (int j = 0; j < kPlanes; j++) {
+            const T *p = fine.row(j, 2 * y), *q = fine.row(j, 2 * y + 1), *sum = v.row(0, y);
+            T *to = v.row(j, y);
+            for (int64_t x = 0; x < v.w; x++)
+                to[x] = p[2 * x] + p[2 * x + 1] + q[2 * x] + q[2 * x + 1];
+            for (int64_t x = 0; j && x < v.w; x++)
+                to[x] /= sum[x];
+        }
+    }
+
+    // Makes of the radiance in the last planes of v what is filtered; beta.
+    void confidence(int level, int64_t y)
+    {
+        const Level<T> &l = t.levels[level];
+        T *c = l.v.row(0, y), *beta = l.beta.row(0, y);
+        logits(level, y, kConfidence, c);
+        logits(level, y, kBlend, beta);
+        for (int64_t x = 0; x < l.v.w; x++) {
+            c[x] = fast_exp(c[x] + T(k.confidence));
+            beta[x] = 1 / (1 + fast_exp(-(beta[x] + T(k.blend))));
+        }
+        for (int j = 1; j < kPlanes; j++) {
+            T *i = l.v.row(j, y);
+            for (int64_t x = 0; x < l.v.w; x++)
+                i[x] *= c[x];
+        }
+    }
+
+    void blend(int level)
+    {
+        Level<T> &l = t.levels[level];
+        const bool last = level == kLevels - 1;
+        Upsampler<T> u(last ? l.out : t.levels[level + 1].out);
+        for (int64_t y = 0; y < l.v.h; y++)
+            for (int c = 0; c < 3; c++) {
+                const T *low = last ? l.s.row(c + 1, y) : u.up(c, y), *beta = l.beta.row(0, y);
+                const T *s = l.s.row(c + 1, y), *sum = l.s.row(0, y);
+                T *out = l.out.row(c, y);
+                for (int64_t x = 0; x < l.v.w; x++) {
+                    const T f = s[x] / sum[x];
+                    out[x] = f + (last ? T(0) : beta[x] * (low[x] - f));
+                }
+            }
+    }
+
+    void forward()
+    {
         t.albedo.clear();
         for (int64_t y = 0; y < h; y++) {
             std::fill_n(t.albedo.row(0, y), w, T(1));
             for (int c = 0; c < 3; c++)
                 std::copy_n(plane(b.albedo, c, y), w, t.albedo.row(c + 1, y));
         }
-        for (int64_t y = 0; y < h; y++) {
-            weights(0, y, kAlbedo, row(0));
-            filter_row(row(0), stride(0), t.albedo, t.sums, y);
-            const T *has = plane(b.has, 0, y), *sum = t.sums.row(0, y);
-            for (int c = 0; c < 3; c++) {
-                const T *s = t.sums.row(c + 1, y), *r = plane(b.radiance, c, y);
-                T *smooth = t.smooth.row(c, y), *i = t.levels[0].v.row(c + 1, y);
-                for (int64_t x = 0; x < w; x++) {
-                    smooth[x] = has[x] * s[x] / sum[x] + T(1 - k.eps) * (1 - has[x]) + T(k.eps);
-                    i[x] = std::min(std::max(r[x], T(0)), T(k.radiance_max)) / smooth[x];
-                }
-            }
-        }
-    }
-
-    // v, from the radiance in its last three planes; beta; s.
-    void filter(int level) {
-        Level<T> &l = t.levels[level];
-        for (int64_t y = 0; y < l.v.h; y++) {
-            T *c = l.v.row(0, y), *beta = l.beta.row(0, y);
-            logits(level, y, kConfidence, c);
-            logits(level, y, kBlend, beta);
-            for (int64_t x = 0; x < l.v.w; x++) {
-                c[x] = fast_exp(c[x] + T(k.confidence));
-                beta[x] = 1 / (1 + fast_exp(-(beta[x] + T(k.blend))));
-            }
-            for (int j = 1; j < kPlanes; j++) {
-                T *i = l.v.row(j, y);
-                for (int64_t x = 0; x < l.v.w; x++)
-                    i[x] *= c[x];
-            }
-        }
-        for (int64_t y = 0; y < l.v.h; y++) {
-            weights(level, y, 0, row(0));
-            filter_row(row(0), stride(level), l.v, l.s, y);
-        }
-    }
-
-    // The radiance of level + 1: v's sums over 2x2 pixels, divided by that of the confidences. Zeros
-    // outside stand for pixels that are not there.
-    void pool(int level) {
-        const Planes<T> &v = t.levels[level].v, &small = t.levels[level + 1].v;
-        for (int64_t y = 0; y < small.h; y++) {
-            for (int j = 0; j < kPlanes; j++) {
-                const T *a = v.row(j, 2 * y), *b = v.row(j, 2 * y + 1), *sum = small.row(0, y);
-                T *to = small.row(j, y);
-                for (int64_t x = 0; x < small.w; x++)
-                    to[x] = a[2 * x] + a[2 * x + 1] + b[2 * x] + b[2 * x + 1];
-                for (int64_t x = 0; j && x < small.w; x++)
-                    to[x] /= sum[x];
-            }
-        }
-    }
-
-    void blend(int level) {
-        Level<T> &l = t.levels[level];
-        if (level == kLevels - 1) {
-            for (int c = 0; c < 3; c++)
-                for (int64_t y = 0; y < l.v.h; y++)
-                    for (int64_t x = 0; x < l.v.w; x++)
-                        l.out.row(c, y)[x] = l.s.row(c + 1, y)[x] / l.s.row(0, y)[x];
-            return;
-        }
-        Upsampler<T> u(t.levels[level + 1].out);
-        for (int64_t y = 0; y < l.v.h; y++)
-            for (int c = 0; c < 3; c++) {
-                const T *low = u.up(c, y), *s = l.s.row(c + 1, y), *sum = l.s.row(0, y);
-                const T *beta = l.beta.row(0, y);
-                T *out = l.out.row(c, y);
-                for (int64_t x = 0; x < l.v.w; x++) {
-                    const T f = s[x] / sum[x];
-                    out[x] = f + beta[x] * (low[x] - f);
-                }
-            }
-    }
-
-    void forward() {
-        for (Level<T> &l : t.levels)
-            l.v.clear();
-        demodulate();
         for (int level = 0; level < kLevels; level++) {
-            filter(level);
-            if (level + 1 < kLevels)
-                pool(level);
+            const Level<T> &l = t.levels[level];
+            l.v.clear();
+            for (int64_t y = 0; y < l.v.h + kRadius; y++) {
+                if (y < l.v.h) {
+                    if (level)
+                        pool(level, y);
+                    else
+                        demodulate(y);
+                    confidence(level, y);
+                }
+                if (y >= kRadius) {
+                    weights(level, y - kRadius, 0, row(0));
+                    filter_row(row(0), stride(level), l.v, l.s, y - kRadius);
+                }
+            }
         }
         for (int level = kLevels - 1; level >= 0; level--)
             blend(level);
@@ -409,14 +460,15 @@ template <typename Q, typename T> struct Image {
     }
 
     // gs of a level from its gout, the gradient of its blend logits, and gout of the next level.
-    void blend_backward(int level) {
+    void blend_backward(int level)
+    {
         Level<T> &l = t.levels[level];
         const bool last = level == kLevels - 1;
         Upsampler<T> u(last ? l.gout : t.levels[level + 1].gout);
         l.gs.clear();
         for (int64_t y = 0; y < l.v.h; y++) {
             const T *sum = l.s.row(0, y), *beta = l.beta.row(0, y);
-            T *gsum = l.gs.row(0, y), *logit = row(0);
+            T *gsum = l.gs.row(0, y), *logit = l.gblend.row(0, y);
             std::fill_n(logit, l.v.w, T(0));
             for (int c = 0; c < 3; c++) {
                 const T *s = l.s.row(c + 1, y), *out = l.out.row(c, y), *g = l.gout.row(c, y);
@@ -434,104 +486,107 @@ template <typename Q, typename T> struct Image {
                     gu[x] = g[x] * beta[x];
                 u.down(c, y, l.v.w);
             }
-            logits_backward(level, y, kBlend, logit);
         }
     }
 
-    // Gradients of the kernel's logits, and gv.
-    void filter_backward(int level) {
-        const Level<T> &l = t.levels[level];
-        for (int64_t y = 0; y < l.v.h + kRadius; y++) {
-            T *e = row(y % kSide);
-            if (y < l.v.h) {
-                weights(level, y, 0, e);
-                logits_row(e, stride(level), l.v, l.gs, y, row(kSide));
-                weights_backward(level, y, 0, row(kSide));
-            }
-            if (y < kRadius)
-                continue;
-            std::array<const T *, kSide> rows;  // gs is 0 in those outside
-            for (int64_t dy = 0; dy < kSide; dy++)
-                rows[dy] = row((y + kSide - dy) % kSide);
-            values_row(rows, stride(level), l.gs, l.gv, y - kRadius);
-        }
-    }
-
-    // The radiance of level + 1, whose gradient is in the last planes of its gv, came from v.
-    void pool_backward(int level) {
+    // What reaches v by way of the next level, whose gradient by the radiance is in the last planes
+    // of gv.
+    void pool_backward(int level, int64_t y)
+    {
         const Level<T> &fine = t.levels[level], &l = t.levels[level + 1];
-        std::vector<T> g(l.v.w), gsum(l.v.w), inverse(l.v.w);
-        for (int64_t y = 0; y < l.v.h; y++) {
-            const T *a = fine.v.row(0, 2 * y), *b = fine.v.row(0, 2 * y + 1), *c = l.v.row(0, y);
-            for (int64_t x = 0; x < l.v.w; x++) {
-                inverse[x] = 1 / (a[2 * x] + a[2 * x + 1] + b[2 * x] + b[2 * x + 1]);
-                gsum[x] = 0;
-            }
-            const auto spread = [&](int plane, const T *values) {
-                for (int64_t yy = 2 * y; yy < std::min(2 * y + 2, fine.v.h); yy++) {
-                    T *to = fine.gv.row(plane, yy);
-                    for (int64_t x = 0; x < l.v.w; x++) {  // past an odd width lies the border
-                        to[2 * x] += values[x];
-                        to[2 * x + 1] += values[x];
-                    }
-                }
-            };
-            for (int j = 1; j < kPlanes; j++) {
-                const T *gi = l.gv.row(j, y), *ci = l.v.row(j, y);
-                for (int64_t x = 0; x < l.v.w; x++) {
-                    g[x] = gi[x] * inverse[x];
-                    gsum[x] -= g[x] * ci[x] / c[x];
-                }
-                spread(j, g.data());
-            }
-            spread(0, gsum.data());
+        const T *p = fine.v.row(0, y & ~1), *q = fine.v.row(0, y | 1), *c = l.v.row(0, y / 2);
+        T *inverse = row(kScratch), *g = inverse + t.albedo.stride, *gsum = g + t.albedo.stride;
+        for (int64_t x = 0; x < l.v.w; x++) {
+            inverse[x] = 1 / (p[2 * x] + p[2 * x + 1] + q[2 * x] + q[2 * x + 1]);
+            gsum[x] = 0;
         }
+        const auto spread = [&](int plane, const T *values) {
+            T *to = fine.gv.row(plane, y);
+            for (int64_t x = 0; x < l.v.w; x++) { // past an odd width lies the border
+                to[2 * x] += values[x];
+                to[2 * x + 1] += values[x];
+            }
+        };
+        for (int j = 1; j < kPlanes; j++) {
+            const T *gi = l.gv.row(j, y / 2), *ci = l.v.row(j, y / 2);
+            for (int64_t x = 0; x < l.v.w; x++) {
+                g[x] = gi[x] * inverse[x];
+                gsum[x] -= g[x] * ci[x] / c[x];
+            }
+            spread(j, g);
+        }
+        spread(0, gsum);
     }
 
     // From gv to the gradients of the confidence's logits and (in place) of the radiance.
-    void confidence_backward(int level) {
+    void confidence_backward(int level, int64_t y)
+    {
         const Level<T> &l = t.levels[level];
-        for (int64_t y = 0; y < l.v.h; y++) {
-            const T *c = l.v.row(0, y), *gc = l.gv.row(0, y);
-            T *logit = row(0);
-            for (int64_t x = 0; x < l.v.w; x++)
-                logit[x] = gc[x] * c[x];
-            for (int j = 1; j < kPlanes; j++) {
-                const T *ci = l.v.row(j, y);
-                T *g = l.gv.row(j, y);
-                for (int64_t x = 0; x < l.v.w; x++) {
-                    logit[x] += g[x] * ci[x];
-                    g[x] *= c[x];
-                }
+        const T *c = l.v.row(0, y), *gc = l.gv.row(0, y);
+        T *logit = row(kScratch);
+        for (int64_t x = 0; x < l.v.w; x++)
+            logit[x] = gc[x] * c[x];
+        for (int j = 1; j < kPlanes; j++) {
+            const T *ci = l.v.row(j, y);
+            T *g = l.gv.row(j, y);
+            for (int64_t x = 0; x < l.v.w; x++) {
+                logit[x] += g[x] * ci[x];
+                g[x] *= c[x];
             }
-            logits_backward(level, y, kConfidence, logit);
         }
+        logits_backward(level, y, kConfidence, logit);
+        logits_backward(level, y, kBlend, l.gblend.row(0, y));
     }
 
     // The albedo's kernel, from the gradient of the result and of the radiance of level 0.
-    void demodulate_backward() {
+    void demodulate_backward(int64_t y)
+    {
         const Level<T> &l = t.levels[0];
-        t.gsums.clear();
-        for (int64_t y = 0; y < h; y++) {
-            const T *has = plane(b.has, 0, y), *sum = t.sums.row(0, y), *cc = l.v.row(0, y);
-            T *gsum = t.gsums.row(0, y);
-            for (int c = 0; c < 3; c++) {
-                const T *s = t.sums.row(c + 1, y), *smooth = t.smooth.row(c, y);
-                const T *ci = l.v.row(c + 1, y), *gi = l.gv.row(c + 1, y), *g = t.gsmooth.row(c, y);
-                T *gs = t.gsums.row(c + 1, y);
-                for (int64_t x = 0; x < w; x++) {
-                    const T total = g[x] - gi[x] * ci[x] / (cc[x] * smooth[x]);
-                    gs[x] = has[x] * total / sum[x];
-                    gsum[x] -= gs[x] * s[x] / sum[x];
-                }
+        const T *has = plane(b.has, 0, y), *sum = t.sums.row(0, y), *cc = l.v.row(0, y);
+        T *gsum = t.gsums.row(0, y), *e = row(kScratch), *logits = row(kScratch + 1);
+        std::fill_n(gsum, w, T(0));
+        for (int c = 0; c < 3; c++) {
+            const T *s = t.sums.row(c + 1, y), *smooth = t.smooth.row(c, y);
+            const T *ci = l.v.row(c + 1, y), *gi = l.gv.row(c + 1, y), *g = t.gsmooth.row(c, y);
+            T *gs = t.gsums.row(c + 1, y);
+            for (int64_t x = 0; x < w; x++) {
+                const T total = g[x] - gi[x] * ci[x] / (cc[x] * smooth[x]);
+                gs[x] = has[x] * total / sum[x];
+                gsum[x] -= gs[x] * s[x] / sum[x];
             }
-            weights(0, y, kAlbedo, row(0));
-            logits_row(row(0), stride(0), t.albedo, t.gsums, y, row(1));
-            weights_backward(0, y, kAlbedo, row(1));
+        }
+        weights(0, y, kAlbedo, e);
+        logits_row(e, stride(0), t.albedo, t.gsums, y, logits);
+        weights_backward(0, y, kAlbedo, logits);
+    }
+
+    // Gradients of a level's head, and gv.
+    void level_backward(int level)
+    {
+        const Level<T> &l = t.levels[level];
+        for (int64_t y = 0; y < l.v.h + kRadius; y++) {
+            if (y < l.v.h) {
+                T *e = row(y % kSide);
+                weights(level, y, 0, e);
+                logits_row(e, stride(level), l.v, l.gs, y, row(kScratch));
+                weights_backward(level, y, 0, row(kScratch));
+            }
+            if (y < kRadius)
+                continue;
+            std::array<const T *, kSide> rows; // gs is 0 in those outside
+            for (int64_t dy = 0; dy < kSide; dy++)
+                rows[dy] = row((y + kSide - dy) % kSide);
+            values_row(rows, stride(level), l.gs, l.gv, y - kRadius);
+            if (level + 1 < kLevels)
+                pool_backward(level, y - kRadius);
+            confidence_backward(level, y - kRadius);
+            if (!level)
+                demodulate_backward(y - kRadius);
         }
     }
 
-    void backward() {
+    void backward()
+    {
         for (int level = 1; level < kLevels; level++)
             t.levels[level].gout.clear();
         for (int c = 0; c < 3; c++)
@@ -546,14 +601,9 @@ template <typename Q, typename T> struct Image {
             }
         for (int level = 0; level < kLevels; level++)
             blend_backward(level);
-        for (int level = kLevels - 1; level >= 0; level--) {
-            filter_backward(level);
-            if (level + 1 < kLevels)
-                pool_backward(level);
-            confidence_backward(level);
-        }
-        demodulate_backward();
+        for (int level = kLevels - 1; level >= 0; level--)
+            level_backward(level);
     }
 };
 
-}  // namespace
+} // namespace

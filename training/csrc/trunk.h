@@ -1,5 +1,5 @@
-// What lies between the convolutions of a network: pooling, upsampling, concatenation, and the gradients
-// on their way back. Everything is in channels-last order.
+// What lies between the convolutions of a network: pooling, upsampling, concatenation, and the
+// gradients on their way back. Everything is in channels-last order.
 #pragma once
 
 #include <algorithm>
@@ -7,18 +7,22 @@
 
 #include "vectors.h"
 
-namespace {
+namespace
+{
 
-template <typename Q> using Arithmetic = std::conditional_t<std::is_same_v<Q, double>, double, float>;
+template <typename Q>
+using Arithmetic = std::conditional_t<std::is_same_v<Q, double>, double, float>;
 
 // Calls f(first, count) for chunks of at most a vector that cover `channels`; the last may overlap.
-template <typename T, typename F> inline void chunks(int64_t channels, F f) {
+template <typename T, typename F> inline void chunks(int64_t channels, F f)
+{
     const int64_t count = std::min<int64_t>(channels, kLanes<T>);
     for (int64_t c = 0; c < channels; c += kLanes<T>)
         f(std::min(c, channels - count), count);
 }
 
-template <typename T, typename Q> inline Vector<T> read(const Q *q, int64_t count) {
+template <typename T, typename Q> inline Vector<T> read(const Q *q, int64_t count)
+{
     if (count == kLanes<T>)
         return read<T>(q);
     T values[kLanes<T>] = {};
@@ -26,7 +30,8 @@ template <typename T, typename Q> inline Vector<T> read(const Q *q, int64_t coun
         values[i] = T(q[i]);
     return load(values);
 }
-template <typename T, typename Q> inline void write(Q *q, Vector<T> v, int64_t count) {
+template <typename T, typename Q> inline void write(Q *q, Vector<T> v, int64_t count)
+{
     if (count == kLanes<T>)
         return write<T>(q, v);
     for (int64_t i = 0; i < count; i++)
@@ -42,7 +47,8 @@ template <typename Q> struct Map {
 };
 
 // The largest of 2x2 pixels; rows of `to`.
-template <typename Q> void max_pool(const Map<const Q> &from, const Map<Q> &to) {
+template <typename Q> void max_pool(const Map<const Q> &from, const Map<Q> &to)
+{
     using T = Arithmetic<Q>;
     for (int64_t y = 0; y < to.h; y++)
         for (int64_t x = 0; x < to.w; x++)
@@ -58,7 +64,8 @@ template <typename Q> void max_pool(const Map<const Q> &from, const Map<Q> &to) 
 
 // Channels of `a`, of half the size or the same, then those of `b`.
 template <typename Q>
-void concatenate(const Map<const Q> &a, const Map<const Q> &b, const Map<Q> &to) {
+void concatenate(const Map<const Q> &a, const Map<const Q> &b, const Map<Q> &to)
+{
     const int64_t shift = to.h != a.h;
     for (int64_t y = 0; y < to.h; y++)
         for (int64_t x = 0; x < to.w; x++) {
@@ -68,17 +75,19 @@ void concatenate(const Map<const Q> &a, const Map<const Q> &b, const Map<Q> &to)
         }
 }
 
-// A gradient, or channels of one, that reached the value of a layer by one of its uses; twice as large as
-// the value where that was upsampled.
+// A gradient, or channels of one, that reached the value of a layer by one of its uses; twice as
+// large as the value where that was upsampled.
 template <typename Q> struct Use {
     Map<const Q> gradient;
     int64_t first;
 };
 
-// Their sum, through pooling (if `pool`) and ReLU, to the gradient of the convolution. y: after ReLU.
+// Their sum, through pooling (if `pool`) and ReLU, to the gradient of the convolution. y: after
+// ReLU.
 template <typename Q>
 void activation_backward(const Map<const Q> &y, bool pool, const std::vector<Use<Q>> &uses,
-                         const Map<Q> &to) {
+                         const Map<Q> &to)
+{
     using T = Arithmetic<Q>;
     using V = Vector<T>;
     const int64_t h = pool ? y.h / 2 : y.h, w = pool ? y.w / 2 : y.w;
@@ -90,7 +99,8 @@ void activation_backward(const Map<const Q> &y, bool pool, const std::vector<Use
                     const int64_t up = use.gradient.h != h;
                     for (int i = 0; i < (up ? 4 : 1); i++)
                         g += read<T>(use.gradient.at((row << up) + i / 2, (x << up) + i % 2) +
-                                         use.first + c, count);
+                                         use.first + c,
+                                     count);
                 }
                 if (!pool) {
                     const V v = read<T>(y.at(row, x) + c, count);
@@ -101,12 +111,13 @@ void activation_backward(const Map<const Q> &y, bool pool, const std::vector<Use
                     v[i] = read<T>(y.at(2 * row + i / 2, 2 * x + i % 2) + c, count);
                     top = v[i] <= top ? top : v[i];
                 }
-                for (int i = 0; i < 4; i++) {  // to the first of equal ones
+                for (int i = 0; i < 4; i++) { // to the first of equal ones
                     const V mine = v[i] < top ? V() : g;
                     g -= mine;
-                    write<T>(to.at(2 * row + i / 2, 2 * x + i % 2) + c, top <= 0 ? V() : mine, count);
+                    write<T>(to.at(2 * row + i / 2, 2 * x + i % 2) + c, top <= 0 ? V() : mine,
+                             count);
                 }
             });
 }
 
-}  // namespace
+} // namespace
