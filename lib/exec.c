@@ -69,43 +69,83 @@ static int keep_going(const lull_task *t, const lull_host *host)
     return !host || !host->progress || host->progress(host->user, fraction_done(t));
 }
 
-/* 1 if each part of a row of layer `next` needs no more of the layers from `first` on than the same
- * part. */
-static int is_local(const lull_graph *graph, unsigned first, unsigned next)
+/* 1 if layer `next` needs nothing of the layers [first, next); but if is_local, of those from
+ * `chain` on each of its parts may need the same part. */
+static int is_free(const lull_graph *graph, unsigned first, unsigned chain, unsigned next)
 {
     const lull_layer *layer = &graph->layer[next];
-    if (layer->level != graph->layer[first].level || layer->pool || graph->layer[first].pool ||
-        lull_layer_rows(layer) > 1 || lull_layer_rows(&graph->layer[first]) > 1)
-        return 0;
     for (unsigned s = 0; s < LULL_MAX_SOURCES && layer->source[s] != LULL_TENSOR_NONE; s++)
         if (layer->source[s] > first && layer->source[s] <= next &&
-            layer->reads[s] != LULL_READS_ROW)
+            (layer->source[s] <= chain || layer->reads[s] != LULL_READS_ROW))
             return 0;
     return 1;
 }
 
-/* Takes the turn of layer l, and of those after it that can be made together with it. Their parts
- * are then still in caches. Notes what will be done, and returns the number of layers. */
-static unsigned take_turns(lull_task *t, unsigned l, unsigned ready, const lull_host *host)
+/* 1 if layer `next` can be made part by part after layer l, in the batch that began with `first`.
+ */
+static int is_local(const lull_graph *graph, unsigned first, unsigned l, unsigned next)
+{
+    const lull_layer *a = &graph->layer[l], *b = &graph->layer[next];
+    return a->level == b->level && !a->pool && !b->pool && lull_layer_rows(a) == 1 &&
+           lull_layer_rows(b) == 1 && is_free(graph, first, l, next);
+}
+
+/* Takes the turn of layer l, and of those after it that can be made together with it: their parts
+ * are then still in caches. Notes what will be done. */
+static void take_turns(lull_group *g, lull_task *t, unsigned batch, unsigned l, unsigned ready,
+                       const lull_host *host)
 {
     lull_plan *plan = t->plan;
     const lull_graph *graph = &plan->model->graph;
-    unsigned first = plan->done[l + 1], chunk = lull_plan_chunk(plan, l), next = l + 1;
+    unsigned next = l + 1, width = (t->right - t->left) >> graph->layer[l].level;
+    g->layer = l;
+    g->first = plan->done[l + 1];
+    g->rows = (ready - g->first) / lull_layer_rows(&graph->layer[l]);
+    g->chunk = lull_plan_chunk(plan, l);
     plan->done[l + 1] = ready;
-    for (; next < graph->layers && is_local(graph, l, next); next++) {
+    for (; next < graph->layers && is_local(graph, batch, l, next); next++) {
         if (graph->layer[next].op == LULL_OP_SMOOTH && !plan->keeps_rows)
             load_albedo(t, host);
-        if (plan->done[next + 1] != first || lull_plan_turn(plan, next) != ready)
+        if (plan->done[next + 1] != g->first || lull_plan_turn(plan, next) != ready)
             break;
         plan->done[next + 1] = ready;
-        chunk = lull_min_u(chunk, lull_plan_chunk(plan, next));
+        g->chunk = lull_min_u(g->chunk, lull_plan_chunk(plan, next));
     }
-    t->layer = l;
-    t->first = first;
-    t->chunk = chunk;
-    t->stores = next == graph->layers && plan->strips == 1 && plan->stored == first &&
+    g->layers = next - l;
+    g->chunks = (width + g->chunk - 1) / g->chunk;
+    g->stores = next == graph->layers && plan->strips == 1 && plan->stored == g->first &&
                 lull_layer_rows(&graph->layer[l]) == 1;
-    return next - l;
+}
+
+/* The turns of layers from l on that do not need each other, in one loop. Returns the layer after
+ * them; graph->layers + 1 if the host cancels. */
+static unsigned take_batch(lull_task *t, unsigned l, const lull_host *host)
+{
+    lull_plan *plan = t->plan;
+    const lull_graph *graph = &plan->model->graph;
+    unsigned batch = l, count = 0;
+    t->groups = 0;
+    while (l < graph->layers && t->groups < LULL_GROUPS && is_free(graph, batch, l, l)) {
+        unsigned ready;
+        lull_group *g = &t->group[t->groups];
+        if (graph->layer[l].op == LULL_OP_SMOOTH && !plan->keeps_rows)
+            load_albedo(t, host);
+        ready = lull_plan_turn(plan, l);
+        if (plan->done[l + 1] == ready) {
+            l++;
+            continue;
+        }
+        if (!t->groups && !keep_going(t, host))
+            return graph->layers + 1;
+        take_turns(g, t, batch, l, ready, host);
+        count += g->rows * g->chunks;
+        t->groups++;
+        l += g->layers;
+    }
+    parallel(plan, host, count, lull_exec_chunk, t);
+    if (t->groups && t->group[t->groups - 1].stores)
+        plan->stored = lull_min_u(plan->done[graph->layers], plan->frame.height);
+    return l;
 }
 
 /* Every layer's turn; then stores the rows of the frame that became ready, in an output image that
@@ -113,27 +153,16 @@ static unsigned take_turns(lull_task *t, unsigned l, unsigned ready, const lull_
 static int advance(lull_task *t, unsigned base_row, const lull_host *host)
 {
     lull_plan *plan = t->plan;
-    const lull_graph *graph = &plan->model->graph;
-    unsigned ready;
+    unsigned layers = plan->model->graph.layers, ready;
     t->base_row = base_row;
-    for (unsigned l = 0; l < graph->layers; l += t->layers) {
-        t->layers = 1;
-        if (graph->layer[l].op == LULL_OP_SMOOTH && !plan->keeps_rows)
-            load_albedo(t, host);
-        ready = lull_plan_turn(plan, l);
-        if (plan->done[l + 1] == ready)
-            continue;
-        if (!keep_going(t, host))
+    for (unsigned l = 0; l < layers;) {
+        l = take_batch(t, l, host);
+        if (l > layers)
             return 0;
-        t->layers = take_turns(t, l, ready, host);
-        make_rows(t, host, (ready - t->first) / lull_layer_rows(&graph->layer[l]),
-                  (t->right - t->left) >> graph->layer[l].level, lull_exec_chunk);
-        if (t->stores)
-            plan->stored = lull_min_u(ready, plan->frame.height);
     }
     if (!keep_going(t, host))
         return 0;
-    ready = lull_min_u(plan->done[graph->layers], plan->frame.height);
+    ready = lull_min_u(plan->done[layers], plan->frame.height);
     t->first = plan->stored;
     t->chunk = lull_plan_band(plan);
     make_rows(t, host, ready - t->first, t->end - t->begin, lull_exec_store);

@@ -5,16 +5,25 @@
 #include "plan.h"
 #include "transfer.h"
 
-/* What the body functions of one parallel_for see. */
+/* Layers whose rows are made together, one after the other in each part. */
+typedef struct lull_group {
+    unsigned layer, layers;
+    unsigned stores;                     /* 1: then those rows of the output are stored */
+    unsigned first, rows, chunk, chunks; /* rows: of parts; layers may make two rows in each */
+} lull_group;
+
+#define LULL_GROUPS 6
+
+/* What the body functions of one parallel_for see. Indices run down the rows first, so that a part
+ * of them is a band of columns, much the same one in every loop. */
 typedef struct lull_task {
     lull_plan *plan;
     const lull_images *images;
-    unsigned layer, layers;      /* layers made together, one after the other in each part */
-    unsigned stores;             /* 1: then its rows of the output are stored */
-    unsigned first, rows, chunk; /* of a loop: first row to make, rows, columns of a task. Indices
-                                  * run down the rows first, so that a part of them is a band of
-                                  * columns, much the same one in every loop */
-    unsigned base_row;           /* row of the frame at the start of the images */
+    lull_group group[LULL_GROUPS]; /* loops over layers: those that do not need each other */
+    unsigned groups;
+    unsigned layer;                   /* the one that is made */
+    unsigned first, rows, chunk;      /* loops over images: first row, rows, columns of a part */
+    unsigned base_row;                /* row of the frame at the start of the images */
     unsigned begin, end, left, right; /* columns: of the strip's output, and held in the rings */
 } lull_task;
 
@@ -40,7 +49,7 @@ const uint8_t *lull_exec_source(const lull_plan *plan, unsigned tensor, int y);
 /* Bodies of parallel_for. Context: a lull_task. */
 void lull_exec_load(void *context, unsigned index, unsigned worker);   /* a chunk of the input */
 void lull_exec_spread(void *context, unsigned index, unsigned worker); /* of the albedo */
-void lull_exec_chunk(void *context, unsigned index, unsigned worker);  /* of the task's layer */
+void lull_exec_chunk(void *context, unsigned index, unsigned worker);  /* of one of the groups */
 void lull_exec_store(void *context, unsigned index, unsigned worker);  /* of the output */
 
 /* Stores columns [x, x+n) of row y of the output image. */

@@ -66,7 +66,7 @@ static void add_skip(lull_conv *conv, const lull_plan *plan, unsigned l, int x, 
                      unsigned stride)
 {
     const lull_layer *layer = &plan->model->graph.layer[l];
-    if (layer->source[1] == LULL_TENSOR_NONE)
+    if (layer->source[1] == LULL_TENSOR_NONE || layer->op == LULL_OP_HEAD)
         return;
     for (int dy = 0; dy < 3; dy++)
         add_run(conv, plan, layer->source[1], y - 1 + dy, x - 1, 3, stride,
@@ -120,17 +120,28 @@ lull_part lull_exec_part(const lull_task *t, unsigned index, unsigned left, unsi
     return part;
 }
 
+/* Pixel x of row y of a tensor with interleaved channels, or where a worker has it while that part
+ * of the row is made. */
+static uint8_t *part_at(const lull_task *t, unsigned tensor, unsigned x, unsigned y,
+                        unsigned worker)
+{
+    if (lull_graph_is_local(&t->plan->model->graph, tensor))
+        return (uint8_t *)lull_exec_scratch(t, worker) + LULL_SCRATCH_LOCAL;
+    return lull_exec_row(t->plan, tensor, y) + x * lull_ring_pixel(&t->plan->ring[tensor]);
+}
+
 /* Columns [x, x+n) of row y of a convolution, pooled if it pools (x and n are before pooling). */
 static void make_conv(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker)
 {
     lull_plan *plan = t->plan;
     const lull_layer *layer = &plan->model->graph.layer[t->layer];
-    uint8_t *row = lull_exec_row(plan, t->layer + 1, y), *above, *below;
+    uint8_t *row, *above, *below;
     size_t pixel = lull_ring_pixel(&plan->ring[t->layer + 1]);
     if (!layer->pool) {
-        conv_row(plan, t->layer, row + x * pixel, x, y, n);
+        conv_row(plan, t->layer, part_at(t, t->layer + 1, x, y, worker), x, y, n);
         return;
     }
+    row = lull_exec_row(plan, t->layer + 1, y);
     above = (uint8_t *)plan + plan->scratch + plan->scratch_bytes * worker;
     below = above + n * pixel;
     conv_row(plan, t->layer, above, x, 2 * y, n);
@@ -273,19 +284,38 @@ void lull_exec_filter(const lull_task *t, unsigned x, unsigned y, unsigned n, un
     unsigned head = layer->op == LULL_OP_DEMODULATE ? layer->source[2] : layer->source[1];
     size_t step = t->plan->ring[head].channels;
     const uint8_t *codes =
-        layer->op == LULL_OP_BLEND ? NULL : lull_exec_row(t->plan, head, y) + x * step;
+        layer->op == LULL_OP_BLEND
+            ? NULL
+            : part_at(t, head, x, y, worker) - t->plan->model->graph.layer[head - 1].first;
     make[layer->op](t, x, y, n, codes, step, worker);
 }
 
-/* One chunk of columns of a row, or two rows, of the layers. */
+/* Turns the index of a loop into one of a group: bands outside, then groups, chunks, rows. */
+static const lull_group *find_group(const lull_task *t, unsigned *index)
+{
+    unsigned bands = lull_plan_bands(t->plan);
+    for (unsigned band = 0;; band++)
+        for (const lull_group *g = t->group; g < t->group + t->groups; g++) {
+            unsigned begin = g->chunks * band / bands, end = g->chunks * (band + 1) / bands;
+            unsigned count = (end - begin) * g->rows;
+            if (*index < count) {
+                *index += begin * g->rows;
+                return g;
+            }
+            *index -= count;
+        }
+}
+
+/* One chunk of columns of a row, or two rows, of the layers of a group. */
 void lull_exec_chunk(void *context, unsigned index, unsigned worker)
 {
     lull_task t = *(const lull_task *)context;
-    const lull_layer *layer = &t.plan->model->graph.layer[t.layer];
-    lull_part part = lull_exec_part(&t, index, 0, (t.right - t.left) >> layer->level);
-    unsigned y = t.first + part.row * lull_layer_rows(layer), x = part.left;
-    unsigned n = part.right - part.left;
-    for (unsigned end = t.layer + t.layers; t.layer < end; t.layer++, layer++) {
+    const lull_group *g = find_group(context, &index);
+    const lull_layer *layer = &t.plan->model->graph.layer[g->layer];
+    unsigned x = index / g->rows * g->chunk;
+    unsigned y = g->first + index % g->rows * lull_layer_rows(layer);
+    unsigned n = lull_min_u(g->chunk, ((t.right - t.left) >> layer->level) - x);
+    for (t.layer = g->layer; t.layer < g->layer + g->layers; t.layer++, layer++) {
         if (layer->is_winograd)
             lull_exec_winograd(&t, x, y, n, worker);
         else if (lull_layer_is_conv(layer))
@@ -293,6 +323,6 @@ void lull_exec_chunk(void *context, unsigned index, unsigned worker)
         else
             lull_exec_filter(&t, x, y, n, worker);
     }
-    if (t.stores && y < t.plan->frame.height && x < t.end)
+    if (g->stores && y < t.plan->frame.height && x < t.end)
         lull_exec_store_part(&t, x, y, lull_min_u(n, t.end - x), worker);
 }

@@ -36,6 +36,9 @@ static const head_row heads[] = {
 
 #define COUNT(array) (sizeof(array) / sizeof(array)[0])
 #define K_LEVELS 5u
+#define HEAD0_SPLIT                                                                                \
+    25u /* level 0's head: the filter's logits are made when radiance is ready, what               \
+         * comes after them before it, with the blend's logit in both parts */
 #define K_INPUTS 12u
 
 static int same(const char *a, const char *b)
@@ -123,7 +126,7 @@ size_t lull_dtype_bytes(lull_dtype dtype)
 
 unsigned lull_layer_inputs(const lull_graph *graph, const lull_layer *layer, unsigned index)
 {
-    return layer->source[index] == LULL_TENSOR_NONE
+    return layer->source[index] == LULL_TENSOR_NONE || (layer->op == LULL_OP_HEAD && index > 0)
                ? 0
                : lull_graph_channels(graph, layer->source[index]);
 }
@@ -236,6 +239,10 @@ static lull_status add_head(lull_graph *graph, const head_row *row, const lull_t
     status = read_shapes(graph, layer, tza);
     if (status == LULL_OK && layer->outputs != (row->level ? 27 : 52))
         status = LULL_ERROR_NETWORK;
+    if (row->level == 0) { /* the filter's part of it: add_filters */
+        layer->first = HEAD0_SPLIT;
+        layer->outputs = (uint16_t)(layer->outputs - HEAD0_SPLIT);
+    }
     return status;
 }
 
@@ -248,6 +255,20 @@ static unsigned add_filter(lull_graph *graph, lull_op op, unsigned level, unsign
         return LULL_TENSOR_NONE;
     for (unsigned i = 0; i < LULL_MAX_SOURCES && sources[i] != LULL_TENSOR_NONE; i++)
         add_source(layer, sources[i], reads[i]);
+    return ++graph->layers;
+}
+
+/* The second part of level 0's head, of radiance `v`: filter and blend logits. Returns its tensor.
+ */
+static unsigned add_second_head(lull_graph *graph, unsigned head, unsigned v)
+{
+    const lull_layer *first = &graph->layer[head - 1];
+    lull_layer *layer = new_layer(graph, LULL_OP_HEAD, 0, HEAD0_SPLIT + 2);
+    if (!layer)
+        return LULL_TENSOR_NONE;
+    layer->row = first->row;
+    add_source(layer, first->source[0], LULL_READS_ROW);
+    add_source(layer, v, LULL_READS_5);
     return ++graph->layers;
 }
 
@@ -270,6 +291,7 @@ static lull_status add_filters(lull_graph *graph)
                    (unsigned[]){LULL_TENSOR_ALBEDO, head[0], LULL_TENSOR_NONE}, smooth);
     v = add_filter(graph, LULL_OP_DEMODULATE, 0, 4, (unsigned[]){LULL_TENSOR_RADIANCE, v, head[0]},
                    rows3);
+    head[0] = add_second_head(graph, head[0], v);
     for (unsigned s = 0; s < K_LEVELS; s++) {
         if (s > 0)
             v = add_filter(graph, LULL_OP_POOL, s, 4, (unsigned[]){v, head[s], LULL_TENSOR_NONE},
@@ -307,7 +329,8 @@ static unsigned reach(const lull_graph *graph, int is_exact)
         const lull_layer *layer = &graph->layer[i];
         unsigned most = 0;
         for (unsigned s = 0; s < LULL_MAX_SOURCES && layer->source[s] != LULL_TENSOR_NONE; s++)
-            most = lull_max_u(most, radius[layer->reads[s]]);
+            if (layer->op != LULL_OP_HEAD || s == 0)
+                most = lull_max_u(most, radius[layer->reads[s]]);
         if (is_exact && layer->is_winograd)
             most = LULL_WINOGRAD_COLUMNS;
         field += most << layer->level;
@@ -370,6 +393,18 @@ lull_status lull_graph_build(lull_graph *graph, const lull_tza *tza)
     return LULL_OK;
 }
 
+unsigned lull_layer_own_outputs(const lull_layer *layer)
+{
+    int is_second = layer->op == LULL_OP_HEAD && layer->level == 0 && layer->first == 0;
+    return is_second ? HEAD0_SPLIT : layer->outputs;
+}
+
+int lull_graph_is_local(const lull_graph *graph, unsigned tensor)
+{
+    const lull_layer *layer = &graph->layer[tensor - 1];
+    return tensor >= 1 && tensor <= graph->layers && layer->op == LULL_OP_HEAD && layer->level == 0;
+}
+
 int lull_graph_planes(const lull_graph *graph, unsigned tensor)
 {
     unsigned op;
@@ -386,7 +421,8 @@ uint64_t lull_graph_macs_per_pixel(const lull_graph *graph)
         const lull_layer *layer = &graph->layer[i];
         uint64_t inputs = lull_layer_inputs(graph, layer, 0) + lull_layer_inputs(graph, layer, 1);
         uint64_t taps = layer->op == LULL_OP_CONV ? 9 : layer->op == LULL_OP_HEAD ? 1 : 0;
-        macs += taps * inputs * layer->outputs << (2 * (graph->levels - layer->level));
+        macs += taps * inputs * lull_layer_own_outputs(layer)
+                << (2 * (graph->levels - layer->level));
     }
     return macs >> (2 * graph->levels);
 }

@@ -5,7 +5,7 @@
 #include "base.h"
 #include "tza.h"
 
-#define LULL_MAX_LAYERS 34
+#define LULL_MAX_LAYERS 35
 #define LULL_MAX_CHANNELS 1024 /* of any one tensor; bounds scratch memory and sums */
 
 /* Tensors are numbered: 0 is the input of the network, 1 + i the output of layer i. Family K also
@@ -27,7 +27,7 @@ typedef enum lull_family { LULL_FAMILY_U, LULL_FAMILY_K } lull_family;
  * of docs/kernel-prediction.md, and make fp32 tensors. */
 typedef enum lull_op {
     LULL_OP_CONV,       /* 3x3 */
-    LULL_OP_HEAD,       /* 1x1 */
+    LULL_OP_HEAD,       /* 1x1; sources after the first only say when */
     LULL_OP_SMOOTH,     /* albedo, head: filtered albedo + epsilon */
     LULL_OP_DEMODULATE, /* radiance, smooth, head: (confidence, confidence * demodulated radiance)
                          */
@@ -55,6 +55,7 @@ typedef struct lull_layer {
     uint8_t source[LULL_MAX_SOURCES]; /* tensors; LULL_TENSOR_NONE where there are fewer */
     uint8_t reads[LULL_MAX_SOURCES];
     uint16_t outputs;    /* channels */
+    uint8_t first;       /* the first of them in the weights file: level 0's head is two layers */
     uint8_t is_wide;     /* integer models: the output has 15-bit codes */
     uint8_t is_winograd; /* fp32: computed in Winograd's form, two rows together */
 } lull_layer;
@@ -99,6 +100,13 @@ int lull_graph_planes(const lull_graph *graph, unsigned tensor);
 int lull_layer_is_conv(const lull_layer *layer);
 /* 1 if its first source is upsampled by 2. */
 int lull_layer_is_up(const lull_layer *layer);
+
+/* Outputs that no layer before makes, too. */
+unsigned lull_layer_own_outputs(const lull_layer *layer);
+
+/* 1 if a tensor is used part by part by the layers that follow the one that makes it: it needs no
+ * rows. */
+int lull_graph_is_local(const lull_graph *graph, unsigned tensor);
 
 /* Rows that a layer makes together: 1, or 2 (of which the first is even). */
 unsigned lull_layer_rows(const lull_layer *layer);

@@ -45,6 +45,7 @@ static int describe(block *b, const lull_graph *graph, unsigned l, unsigned inde
     b->outputs = layer->outputs;
     b->offset = is_skip && !graph->is_integer ? lull_layer_inputs(graph, layer, 0) : 0;
     b->columns = is_head ? 1 : 3;
+    b->first = layer->first;
     b->row = is_skip ? index - LULL_PACK_SKIP : index;
     if (is_up && !is_skip) {
         b->columns = 2;
@@ -136,7 +137,7 @@ static int64_t largest_sum(const lull_graph *graph, unsigned l, const lull_layer
                            unsigned o, unsigned phase, unsigned shift)
 {
     const lull_layer *layer = &graph->layer[l];
-    int64_t wide = 0, narrow = 0, bias = (int64_t)lull_tza_int(&tensors->bias, o);
+    int64_t wide = 0, narrow = 0, bias = (int64_t)lull_tza_int(&tensors->bias, layer->first + o);
     for (unsigned i = 0; i < LULL_PACK_BLOCKS; i++) {
         block b;
         int64_t sum;
@@ -168,7 +169,7 @@ static lull_status check_integer(lull_packed_layer *packed, const lull_graph *gr
     if (shift < 0 || shift > 15 || (layer->pool && lull_graph_dtype(graph, l + 1) != LULL_DTYPE_U8))
         return LULL_ERROR_NETWORK;
     for (unsigned o = 0; o < layer->outputs; o++) {
-        float scale = lull_tza_float(&tensors.scale, o);
+        float scale = lull_tza_float(&tensors.scale, layer->first + o);
         if (!(scale >= 0.0f && scale < 0.5f))
             return LULL_ERROR_NETWORK;
         for (unsigned phase = 0; phase < (lull_layer_is_up(layer) ? 4u : 1u); phase++) {
@@ -306,11 +307,12 @@ static void pack_layer(lull_model *model, unsigned l, const lull_tza *tza)
             write_block(base + packed->weights[i], &b, lanes);
     for (unsigned o = 0; o < lull_align_up(layer->outputs, lanes); o++) {
         int is_there = o < layer->outputs;
-        float bias = is_there ? lull_tza_float(&tensors.bias, o) : 0.0f;
+        unsigned at = layer->first + o;
+        float bias = is_there ? lull_tza_float(&tensors.bias, at) : 0.0f;
         int32_t words[2] = {0, 0};
         if (model->graph.is_integer && is_there) {
-            words[0] = lull_tza_int(&tensors.bias, o);
-            words[1] = (int32_t)((double)lull_tza_float(&tensors.scale, o) * 2147483648.0 + 0.5);
+            words[0] = lull_tza_int(&tensors.bias, at);
+            words[1] = (int32_t)((double)lull_tza_float(&tensors.scale, at) * 2147483648.0 + 0.5);
         }
         if (model->graph.is_integer)
             memcpy(base + packed->multiplier + 4 * (size_t)o, &words[1], 4);
@@ -396,6 +398,7 @@ void lull_model_get_info(const lull_model *model, lull_model_info *info)
         unsigned inputs = lull_layer_inputs(graph, layer, 0) + lull_layer_inputs(graph, layer, 1);
         if (lull_layer_is_conv(layer))
             info->parameters +=
-                layer->outputs * ((layer->op == LULL_OP_HEAD ? 1u : 9u) * (uint64_t)inputs + 1);
+                lull_layer_own_outputs(layer) *
+                ((layer->op == LULL_OP_HEAD ? 1u : 9u) * (uint64_t)inputs + 1);
     }
 }

@@ -162,6 +162,11 @@ static unsigned pieces(const lull_plan *plan, unsigned rows, unsigned count)
     return lull_max_u(count, (2 * plan->threads + rows - 1) / rows);
 }
 
+unsigned lull_plan_bands(const lull_plan *plan)
+{
+    return plan->threads <= FEW_THREADS ? plan->threads : 1;
+}
+
 unsigned lull_plan_band(const lull_plan *plan)
 {
     unsigned count = plan->saved_width ? 1 : pieces(plan, plan->row_step, 1);
@@ -218,6 +223,8 @@ static size_t layout_rings(lull_plan *plan, size_t *total)
         int planes = lull_graph_planes(graph, t);
         if (!lull_plan_has(plan, t))
             continue;
+        if (lull_graph_is_local(graph, t))
+            ring->rows = 0;
         ring->dtype = (uint8_t)lull_graph_dtype(graph, t);
         ring->channels = (uint16_t)lull_graph_channels(graph, t);
         ring->level = (uint8_t)lull_graph_level(graph, t);
@@ -234,7 +241,7 @@ static size_t layout_rings(lull_plan *plan, size_t *total)
         }
         ring->row_units = (uint32_t)(row / LULL_ALIGN);
         ring->offset = (uint32_t)(lull_append(total, row * ring->rows) / LULL_ALIGN);
-        longest = longest > row ? longest : row;
+        longest = longest > row || !ring->rows ? longest : row;
     }
     return longest;
 }
@@ -255,6 +262,9 @@ static void layout(lull_plan *plan)
         lull_points points;
         if (graph->layer[l].is_winograd)
             bytes = lull_plan_points(&points, plan, l) * sizeof(float);
+        else if (lull_graph_is_local(graph, l + 1))
+            bytes =
+                LULL_SCRATCH_LOCAL + lull_ring_pixel(&plan->ring[l + 1]) * lull_plan_chunk(plan, l);
         else if (graph->layer[l].pool)
             bytes = 2 * lull_ring_pixel(&plan->ring[l + 1]) * lull_plan_chunk(plan, l);
         if (bytes > plan->scratch_bytes)

@@ -37,6 +37,7 @@ size_t lull_ring_left(const lull_ring *ring);
 #define LULL_ROWS_IDLE 0xffffffffu
 
 #define LULL_BLOCK 64u /* pixels converted together at the input and output */
+#define LULL_SCRATCH_LOCAL (LULL_BLOCK * (9 * sizeof(float) + 1))
 
 /* Tensors made of the input images. */
 #define LULL_LOADED 3u
@@ -56,7 +57,9 @@ struct lull_plan {
     unsigned row_width; /* columns held: the strip and its overlaps */
     unsigned delay_rows;
     size_t zero_row;               /* offset of zeros as long as any row */
-    size_t scratch, scratch_bytes; /* per worker */
+    size_t scratch, scratch_bytes; /* per worker: LULL_BLOCK pixels of images, then, from
+                                    * LULL_SCRATCH_LOCAL on, a part of a tensor without rows; or
+                                    * what convolutions need */
     size_t exposure;               /* rows of auto-exposure bins */
     size_t saved; /* columns that an in-place run would overwrite before the next strip reads them
                    */
@@ -78,6 +81,10 @@ int lull_plan_has(const lull_plan *plan, unsigned tensor);
 
 /* Rows of albedo that the first layer of the filter needs for its turn, where rows are not kept. */
 unsigned lull_plan_albedo(const lull_plan *plan);
+
+/* Bands of columns that loops are cut in, so that each thread has the same one in every loop; 1 if
+ * there are more threads than few. */
+unsigned lull_plan_bands(const lull_plan *plan);
 
 /* Columns of a task that reads or writes images. */
 unsigned lull_plan_band(const lull_plan *plan);
