@@ -10,10 +10,11 @@
 #define BORDER 2u      /* pixels of zeros beside a row; on the left aligned, see lull_ring_left */
 #define ROW_SLACK 16u  /* readable bytes after a row's right border */
 
-/* Row steps, fastest first. The first is for many threads, which want many rows to share; for few,
- * 8 rows stay in caches better. A step of 1 would need more memory again: coarse layers then run
- * ahead. */
+/* Row steps. The first is for many threads, which want many rows to share; for few, 8 rows stay in
+ * caches better, and for family K 4 are as fast on one thread, 2 % slower on two, and save 0.7 MB
+ * at 1920 columns. A step of 1 would need more memory again: coarse layers then run ahead. */
 static const unsigned steps[] = {16, 8, 4, 2};
+enum { MANY_STEP, FEW_STEP, SMALL_STEP };
 #define FEW_THREADS 4u
 #define STEP_COUNT (sizeof steps / sizeof steps[0])
 
@@ -332,7 +333,10 @@ static lull_status choose(lull_plan *plan)
     unsigned align = 1u << plan->model->graph.levels;
     size_t limit = frame->max_bytes ? frame->max_bytes : (size_t)-1;
     unsigned whole = lull_max_u(plan->width, align);
-    for (unsigned i = plan->threads <= FEW_THREADS; i < STEP_COUNT; i++) {
+    unsigned first = plan->threads > FEW_THREADS                  ? MANY_STEP
+                     : plan->model->graph.family == LULL_FAMILY_K ? SMALL_STEP
+                                                                  : FEW_STEP;
+    for (unsigned i = first; i < STEP_COUNT; i++) {
         plan->row_step = frame->row_step ? frame->row_step : steps[i];
         plan->strip_width = whole;
         if (frame->strip_width)
