@@ -30,6 +30,7 @@ from training import errors, parallel
 from training.augment import Augment
 from training.console import Bar, duration
 from training.data import Batches, Picture, from_raw, hold_out
+from training.dead import Channels
 from training.errors import DATA, INTERRUPTED, STATE, ToolError
 from training.integer_stage import quantize_aware
 from training.loss import make_loss
@@ -110,6 +111,7 @@ def worker(settings: Settings, team: parallel.Team) -> None:
                 "model_state": model.state_dict(), "optimizer_state": optimizer.state_dict(),
                 "ema_state": dict(zip(names, ema)) if ema else None, "scaler_state": mixed.state()}
 
+    channels = Channels(model)
     board = Board(result.folder / "log", settings, enabled=team.rank == 0)
     loader = parallel.loader(batches, range(step, plan.planned or plan.total), settings)
     bar, start = Bar(enabled=team.rank == 0), time.monotonic()
@@ -131,6 +133,7 @@ def worker(settings: Settings, team: parallel.Team) -> None:
             mixed.backward(loss)
             team.average([p.grad for p in params])
             mixed.step(optimizer, settings.grad_clip)
+            channels.watch()
             if ema:
                 decay = min(settings.ema, (step + 1) / (step + 10))
                 torch._foreach_lerp_(ema, [p.detach() for p in params], 1 - decay)
@@ -167,7 +170,10 @@ def worker(settings: Settings, team: parallel.Team) -> None:
             bar.end(f"loss={mean_loss:.6f}, lr={rate:.3g} ({rate_images:.1f} images/s, "
                     f"{duration(now - epoch_start)}, eta {duration(left)})")
             board.scalars(epoch, loss=mean_loss, learning_rate=rate)
-            if valid and (finished or due(epoch, settings.num_valid_epochs)):
+            judged = finished or due(epoch, settings.num_valid_epochs)
+            if judged and team.rank == 0:
+                channels.report(board, epoch)
+            if valid and judged:
                 scores = validate(model, ema, valid, settings, loss_of, team, bar)
                 board.validation(epoch, scores)
                 if scores.loss < best:
