@@ -42,8 +42,8 @@ template <typename T> struct Pu {
 // Input of the network: codes of 0..255 over 255, a pixel's 12 beside one another; x: the planes of
 // kernel_model.planes, radiance decoded.
 struct Encoder {
-    double eps, top, gain, scale; // added to the albedo; of the radiance; its code: log(1 + gain i)
-                                  // * scale
+    double eps, top;    // added to the albedo; of the radiance,
+    double gain, scale; // whose code is log(1 + gain i) * scale
 
     template <typename Q, typename T>
     void row(const T *radiance, const T *x, int64_t plane, int64_t w, Q *to) const
@@ -55,6 +55,8 @@ struct Encoder {
         for (int64_t at = 0; at < w; at += lanes) {
             const int64_t count = std::min<int64_t>(lanes, w - at);
             const auto take = [&](const T *p) {
+                if (count == lanes)
+                    return load(p + at);
                 std::copy_n(p + at, count, in);
                 return load(in);
             };
@@ -79,10 +81,12 @@ struct Encoder {
                 V m[lanes];
                 std::copy_n(code + first, lanes, m);
                 transpose<T>(m);
-                Q pixel[lanes];
-                for (int i = 0; i < count; i++) {
+                for (int i = 0; i < lanes; i++) {
+                    Q pixel[lanes];
                     write<T>(pixel, m[i]);
-                    std::copy_n(pixel, std::min(lanes, planes - first), to + i * planes + first);
+                    if (i < count)
+                        std::memcpy(to + i * planes + first, pixel,
+                                    std::min(lanes, planes - first) * sizeof(Q));
                 }
             }
             to += count * planes;

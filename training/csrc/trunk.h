@@ -16,9 +16,12 @@ using Arithmetic = std::conditional_t<std::is_same_v<Q, double>, double, float>;
 // Calls f(first, count) for chunks of at most a vector that cover `channels`; the last may overlap.
 template <typename T, typename F> inline void chunks(int64_t channels, F f)
 {
-    const int64_t count = std::min<int64_t>(channels, kLanes<T>);
-    for (int64_t c = 0; c < channels; c += kLanes<T>)
-        f(std::min(c, channels - count), count);
+    constexpr int64_t lanes = kLanes<T>;
+    if (channels < lanes)
+        f(0, channels);
+    else
+        for (int64_t c = 0; c < channels; c += lanes)
+            f(std::min(c, channels - lanes), std::integral_constant<int64_t, lanes>());
 }
 
 template <typename T, typename Q> inline Vector<T> read(const Q *q, int64_t count)
@@ -52,7 +55,7 @@ template <typename Q> void max_pool(const Map<const Q> &from, const Map<Q> &to)
     using T = Arithmetic<Q>;
     for (int64_t y = 0; y < to.h; y++)
         for (int64_t x = 0; x < to.w; x++)
-            chunks<T>(to.c, [&](int64_t c, int64_t count) {
+            chunks<T>(to.c, [&](int64_t c, auto count) {
                 Vector<T> top = read<T>(from.at(2 * y, 2 * x) + c, count);
                 for (int i = 1; i < 4; i++) {
                     const auto v = read<T>(from.at(2 * y + i / 2, 2 * x + i % 2) + c, count);
@@ -67,11 +70,15 @@ template <typename Q>
 void concatenate(const Map<const Q> &a, const Map<const Q> &b, const Map<Q> &to)
 {
     const int64_t shift = to.h != a.h;
+    const auto copy = [](const Q *from, int64_t channels, Q *to) {
+        chunks<Arithmetic<Q>>(channels, [=](int64_t c, auto count) {
+            std::memcpy(to + c, from + c, count * sizeof(Q));
+        });
+    };
     for (int64_t y = 0; y < to.h; y++)
         for (int64_t x = 0; x < to.w; x++) {
-            const Q *from = a.at(y >> shift, x >> shift);
-            std::copy(from, from + a.c, to.at(y, x));
-            std::copy(b.at(y, x), b.at(y, x) + b.c, to.at(y, x) + a.c);
+            copy(a.at(y >> shift, x >> shift), a.c, to.at(y, x));
+            copy(b.at(y, x), b.c, to.at(y, x) + a.c);
         }
 }
 
@@ -93,14 +100,17 @@ void activation_backward(const Map<const Q> &y, bool pool, const std::vector<Use
     const int64_t h = pool ? y.h / 2 : y.h, w = pool ? y.w / 2 : y.w;
     for (int64_t row = 0; row < h; row++)
         for (int64_t x = 0; x < w; x++)
-            chunks<T>(y.c, [&](int64_t c, int64_t count) {
+            chunks<T>(y.c, [&](int64_t c, auto count) {
                 V g = {};
                 for (const Use<Q> &use : uses) {
-                    const int64_t up = use.gradient.h != h;
-                    for (int i = 0; i < (up ? 4 : 1); i++)
-                        g += read<T>(use.gradient.at((row << up) + i / 2, (x << up) + i % 2) +
-                                         use.first + c,
-                                     count);
+                    const int64_t up = use.gradient.h != h, next = use.gradient.c;
+                    const Q *p = use.gradient.at(row << up, x << up) + use.first + c;
+                    g += read<T>(p, count);
+                    if (up) {
+                        const Q *below = p + use.gradient.w * next;
+                        g += read<T>(p + next, count) + read<T>(below, count) +
+                             read<T>(below + next, count);
+                    }
                 }
                 if (!pool) {
                     const V v = read<T>(y.at(row, x) + c, count);
