@@ -83,12 +83,14 @@ uint64_t lull_clock_ns(void);
 /* ---- Atomics --------------------------------------------------------------------------------- */
 
 /* Sequentially consistent operations on 32-bit words. Add returns the old value; swap replaces
- * `from` by `to` and returns whether it did. */
+ * `from` by `to` and returns whether it did. Release is a store that only waits to be seen until
+ * what was stored before it is: of several, none waits for the others. */
 typedef uint32_t lull_atomic;
 
 #if !LULL_WITH_THREADS
 static inline uint32_t lull_atomic_load(const lull_atomic *a) { return *a; }
 static inline void lull_atomic_store(lull_atomic *a, uint32_t v) { *a = v; }
+static inline void lull_atomic_release(lull_atomic *a, uint32_t v) { *a = v; }
 static inline uint32_t lull_atomic_add(lull_atomic *a, uint32_t v)
 {
     *a += v;
@@ -112,6 +114,7 @@ static inline void lull_atomic_store(lull_atomic *a, uint32_t v)
 {
     InterlockedExchange((volatile LONG *)a, (LONG)v);
 }
+static inline void lull_atomic_release(lull_atomic *a, uint32_t v) { lull_atomic_store(a, v); }
 static inline int lull_atomic_swap(lull_atomic *a, uint32_t from, uint32_t to)
 {
     return (uint32_t)InterlockedCompareExchange((volatile LONG *)a, (LONG)to, (LONG)from) == from;
@@ -125,6 +128,10 @@ static inline uint32_t lull_atomic_load(const lull_atomic *a)
 static inline void lull_atomic_store(lull_atomic *a, uint32_t v)
 {
     __atomic_store_n(a, v, __ATOMIC_SEQ_CST);
+}
+static inline void lull_atomic_release(lull_atomic *a, uint32_t v)
+{
+    __atomic_store_n(a, v, __ATOMIC_RELEASE);
 }
 static inline uint32_t lull_atomic_add(lull_atomic *a, uint32_t v)
 {

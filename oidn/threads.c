@@ -44,13 +44,15 @@ struct lull_pool {
     lull_atomic done; /* finished indices of the loop */
 };
 
-/* Takes indices of one range until there are none; returns how many it took. */
-static unsigned run_range(lull_pool *pool, lull_atomic *range, unsigned worker_index)
+/* Takes indices of a worker's range until there are none; returns how many it took. Others' ranges
+ * are looked at first: taking from them costs their owners time. */
+static unsigned run_range(lull_pool *pool, unsigned owner, unsigned worker_index)
 {
+    lull_atomic *range = &pool->workers[owner].range;
     unsigned taken = 0;
 
     for (;; taken++) {
-        uint32_t r = lull_atomic_load(range);
+        uint32_t r = owner == worker_index ? 1u << 16 : lull_atomic_load(range);
 
         if ((r & 0xffffu) < r >> 16)
             r = lull_atomic_add(range, 1);
@@ -67,7 +69,7 @@ static void run_indices(lull_pool *pool, unsigned worker_index)
     unsigned i, taken = 0, count;
 
     for (i = 0; i < ranges; i++)
-        taken += run_range(pool, &pool->workers[(worker_index + i) % ranges].range, worker_index);
+        taken += run_range(pool, (worker_index + i) % ranges, worker_index);
     if (!taken)
         return;
     count = pool->count; /* of the loop that waits for these */
@@ -228,11 +230,11 @@ static void publish(lull_pool *pool, unsigned count)
     uint32_t i, first = 0;
 
     pool->count = count;
-    lull_atomic_store(&pool->done, 0);
+    lull_atomic_release(&pool->done, 0);
     for (i = 0; i < ranges; i++) {
         const uint32_t end = count / ranges * (i + 1) + count % ranges * (i + 1) / ranges;
 
-        lull_atomic_store(&pool->workers[i].range, end << 16 | first);
+        lull_atomic_release(&pool->workers[i].range, end << 16 | first);
         first = end;
     }
     lull_atomic_add(&pool->loop, 1);
