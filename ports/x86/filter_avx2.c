@@ -43,7 +43,7 @@ LULL_INLINE vec above(vec v, int least)
 {
     return _mm256_and_ps(v, floats(_mm256_cmpgt_epi32(ints(v), _mm256_set1_epi32(least))));
 }
-LULL_INLINE vec select(vec if_positive, vec v, vec other)
+LULL_INLINE vec choose(vec if_positive, vec v, vec other)
 {
     return _mm256_blendv_ps(other, v, _mm256_cmp_ps(if_positive, _mm256_setzero_ps(), _CMP_GT_OQ));
 }

@@ -36,7 +36,7 @@ LULL_INLINE vec above(vec v, int least)
 {
     return _mm512_maskz_mov_ps(_mm512_cmpgt_epi32_mask(ints(v), _mm512_set1_epi32(least)), v);
 }
-LULL_INLINE vec select(vec if_positive, vec v, vec other)
+LULL_INLINE vec choose(vec if_positive, vec v, vec other)
 {
     return _mm512_mask_mov_ps(other,
                               _mm512_cmp_ps_mask(if_positive, _mm512_setzero_ps(), _CMP_GT_OQ), v);

@@ -8,7 +8,7 @@
  *   add, sub, mul, quotient, low, high
  *                                   low(a, b): b if one is no number; high alike
  *   above(v, least)                 v where its bits are above `least` as int32, else 0; v >= 0
- *   select(if_positive, v, other)   lanes of v where if_positive > 0, else of other
+ *   choose(if_positive, v, other)   lanes of v where if_positive > 0, else of other
  *   ints(v), floats(i)              casts
  *   whole(v)                        floats to int32, cut
  *   set_int(i), add_int, sub_int, or_int, shift_left(i, n), shift_right(i, n) (zeros come in),
@@ -67,9 +67,9 @@ LULL_INLINE void filter_block(const lull_window *window, const tables *table, si
     TAP(0, 3, 3) TAP(1, 4, 3) TAP(2, 5, 0) TAP(3, 5, 1) TAP(4, 5, 2) row = window->rows[4] + p - 2;
     TAP(0, 5, 3)
     TAP(1, 6, 0) TAP(2, 6, 1) TAP(3, 6, 2) TAP(4, 6, 3)
-        store_n(out, select(s0, add(quotient(s1, s0), more), none), n);
-    store_n(out + out_plane, select(s0, add(quotient(s2, s0), more), none), n);
-    store_n(out + 2 * out_plane, select(s0, add(quotient(s3, s0), more), none), n);
+        store_n(out, choose(s0, add(quotient(s1, s0), more), none), n);
+    store_n(out + out_plane, choose(s0, add(quotient(s2, s0), more), none), n);
+    store_n(out + 2 * out_plane, choose(s0, add(quotient(s3, s0), more), none), n);
 }
 
 void NAME(filter5)(const lull_window *window)
@@ -232,10 +232,10 @@ LULL_INLINE void shrink_block(float *out, size_t out_plane, const float *upper, 
                               size_t plane, ivec codes, const tables *t, unsigned n)
 {
     vec weight = sum_2x2(upper, lower, n), c = weights(t, codes), zero = set(0.0f);
-    store_n(out, select(weight, c, zero), n);
+    store_n(out, choose(weight, c, zero), n);
     for (unsigned i = 1; i < 4; i++) {
         vec sum = sum_2x2(upper + i * plane, lower + i * plane, n);
-        store_n(out + i * out_plane, select(weight, mul(c, quotient(sum, weight)), zero), n);
+        store_n(out + i * out_plane, choose(weight, mul(c, quotient(sum, weight)), zero), n);
     }
 }
 
