@@ -4,9 +4,10 @@
 
 A step is forward, loss, backward, clipping and Adam on a batch of tiles. Variants take turns of two
 steps, of which the second one counts (as in a training, the caches have seen its like), so that a
-busy machine hurts all of them; medians of the rounds. The eager ones are plain PyTorch in fp32,
-the filter by unfold, as published code has it, or by a loop over its taps. Then the cost of
-making batches beside that of a step, and a whole training loop with and without loader processes.
+busy machine hurts all of them; medians of the rounds; each has a process of its own. The eager ones
+are plain PyTorch in fp32 as it comes, the filter by unfold, as published code has it, or by a loop
+over its taps. Then the cost of making batches beside that of a step, and a whole training loop with
+and without loader processes.
 """
 from __future__ import annotations
 
@@ -15,7 +16,6 @@ import statistics
 import tempfile
 import time
 from collections.abc import Callable
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -43,24 +43,17 @@ def unfolded(logits: Tensor, v: Tensor) -> Tensor:
     return (columns * logits.exp().view(n, 1, 25, h * w)).sum(2).view(n, c, h, w)
 
 
-@contextmanager
-def eager(plain: Callable | None):
-    """PyTorch's operations instead of the fused ones; plain: the sums over the taps."""
-    kept = fused.module, kernel_filter.kernel_filter
-    if plain:
-        fused.module, kernel_filter.kernel_filter = lambda: None, plain
-    try:
-        yield
-    finally:
-        fused.module, kernel_filter.kernel_filter = kept
-
-
 class Stepper:
-    """One way to train; `run` does a step."""
+    """One way to train; `run` does a step. plain: the sums over the filter's taps in PyTorch's
+    operations, which then serve everywhere and with the memory settings that they find."""
 
     def __init__(self, settings: Settings, plain: Callable | None, precision: str):
+        if plain:
+            fused.module, kernel_filter.kernel_filter = lambda: None, plain
+        else:
+            parallel.keep_memory()
         torch.manual_seed(1)
-        self.plain, self.settings = plain, settings
+        self.settings = settings
         self.format = torch.contiguous_format if plain else torch.channels_last
         self.model = make_model(settings).to(memory_format=self.format)
         self.optimizer = (torch.optim.Adam if plain else parallel.adam)(
@@ -70,13 +63,31 @@ class Stepper:
                                     parallel.Team(0, 1, torch.device("cpu")))
 
     def run(self, x: Tensor, y: Tensor) -> float:
-        with eager(self.plain):
-            with self.mixed.autocast():
-                loss = self.loss_of(self.model(x), y)
-            self.optimizer.zero_grad(set_to_none=True)
-            loss.backward()
-            self.mixed.step(self.optimizer, self.settings.grad_clip)
+        with self.mixed.autocast():
+            loss = self.loss_of(self.model(x), y)
+        self.optimizer.zero_grad(set_to_none=True)
+        loss.backward()
+        self.mixed.step(self.optimizer, self.settings.grad_clip)
         return loss.item()
+
+
+VARIANTS = {"lull, bf16": (None, "bf16"), "lull, fp32": (None, "fp32"),
+            "eager PyTorch, unfold": (unfolded, "fp32"),
+            "eager PyTorch, loop over taps": (kernel_filter.kernel_filter, "fp32")}
+
+
+def serve(calls, name: str, settings: Settings, batches, threads: int) -> None:
+    """A process that does as it is told: ("step", k) or ("loop", loaders, steps) -> seconds."""
+    torch.set_num_threads(threads)
+    np.seterr(all="ignore")
+    stepper = Stepper(settings, *VARIANTS[name])
+    while (call := calls.recv())[0] != "end":
+        if call[0] == "step":
+            x, y = batches[call[1]]
+            stepper.run(x, y)
+            calls.send(seconds(lambda x=x, y=y: stepper.run(x, y)))
+        else:
+            calls.send(loop(stepper, batches, *call[1:]))
 
 
 def write_scenes(folder: Path) -> None:
@@ -94,32 +105,47 @@ def seconds(work: Callable[[], object]) -> float:
     return time.perf_counter() - start
 
 
-def loop(stepper: Stepper, batches, loaders: int, first: int, steps: int) -> float:
+def loop(stepper: Stepper, batches, loaders: int, steps: int) -> float:
     """Seconds per step of a loop that loads its batches; the loaders' start does not count."""
     settings = stepper.settings.replace(num_loaders=loaders)
     start = 0.0
-    for k, (x, y) in enumerate(parallel.loader(batches, range(first, first + steps + 2), settings)):
+    for k, (x, y) in enumerate(parallel.loader(batches, range(200, 202 + steps), settings)):
         if k == 2:
             start = time.perf_counter()
         stepper.run(x, y)
     return (time.perf_counter() - start) / steps
 
 
-def report(variants: dict[str, Stepper], batches, rounds: int) -> list[str]:
-    """Markdown: a line per variant, then what data costs."""
-    times: dict[str, list[float]] = {name: [] for name in variants}
+def report(settings: Settings, batches, rounds: int, threads: int) -> list[str]:
+    """Markdown, from a process per variant."""
+    context = torch.multiprocessing.get_context("spawn")
+    calls = {}
+    for name in VARIANTS:
+        calls[name], theirs = context.Pipe()
+        context.Process(target=serve, args=(theirs, name, settings, batches, threads)).start()
+    try:
+        return measure(calls, settings, batches, rounds, threads)
+    finally:
+        for pipe in calls.values():
+            pipe.send(("end",))
+
+
+def measure(calls: dict, settings: Settings, batches, rounds: int, threads: int) -> list[str]:
+    """A line per variant, then what data costs; calls: pipes to the processes."""
+    def ask(name: str, *call) -> float:
+        calls[name].send(call)
+        return calls[name].recv()
+
+    times: dict[str, list[float]] = {name: [] for name in VARIANTS}
     for k in range(rounds + 1):
-        x, y = batches[k]
-        for name, stepper in variants.items():
-            stepper.run(x, y)
-            spent = seconds(lambda s=stepper, x=x, y=y: s.run(x, y))
+        for name in VARIANTS:
+            spent = ask(name, "step", k)
             if k:  # the first round compiles and warms up
                 times[name].append(spent)
-    ours = list(variants)[0]
-    settings = variants[ours].settings
+    ours = list(VARIANTS)[0]
     pixels = settings.batch_size * settings.tile_size**2
     lines = [f"{settings.model}, {settings.batch_size} tiles of {settings.tile_size}x"
-             f"{settings.tile_size}, {torch.get_num_threads()} thread(s)", "",
+             f"{settings.tile_size}, {threads} thread(s)", "",
              "| whole step | ms | Mpx/s | lull is |", "|---|---:|---:|---:|"]
     median = {name: statistics.median(t) for name, t in times.items()}
     for name, spent in median.items():
@@ -129,7 +155,7 @@ def report(variants: dict[str, Stepper], batches, rounds: int) -> list[str]:
     share = loading / median[ours]
     lines += ["", f"Making a batch: {loading * 1e3:.1f} ms, {share:.0%} of a step."]
     for loaders in (0, 1, 2):
-        spent = loop(variants[ours], batches, loaders, 200, 2 * rounds)
+        spent = ask(ours, "loop", loaders, 2 * rounds)
         lines.append(f"Loop with {loaders} loader process(es): {spent * 1e3:.1f} ms a step.")
     return lines
 
@@ -143,7 +169,6 @@ def main() -> None:
     parser.add_argument("--data", type=Path, help="raw data set instead of synthetic pictures")
     args = parser.parse_args()
     torch.set_num_threads(args.threads)
-    parallel.keep_memory()
     np.seterr(all="ignore")
     features = ["hdr", "alb", "nrm"]
     settings = parse("train", [*features, "-m", args.model, "-s", "1", "--exposure_jitter", "2",
@@ -154,12 +179,7 @@ def main() -> None:
             write_scenes(Path(tmp))
         pictures = from_raw(scan(args.data or Path(tmp), features), features, "hdr", "pu")
     batches = make_batches(pictures, settings, parallel.Team(0, 1, torch.device("cpu")))
-    variants = {
-        "lull, bf16": Stepper(settings, None, "bf16"),
-        "lull, fp32": Stepper(settings, None, "fp32"),
-        "eager PyTorch, unfold": Stepper(settings, unfolded, "fp32"),
-        "eager PyTorch, loop over taps": Stepper(settings, kernel_filter.kernel_filter, "fp32")}
-    print("\n".join(report(variants, batches, args.rounds)))
+    print("\n".join(report(settings, batches, args.rounds, args.threads)))
 
 
 if __name__ == "__main__":
