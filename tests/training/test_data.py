@@ -1,4 +1,4 @@
-"""Image files, features, preprocessed sets, batches and augmentation."""
+"""Features, preprocessed sets, batches and augmentation."""
 
 import json
 import math
@@ -16,84 +16,12 @@ from training import color, preprocess
 from training.data import Augment, Batches, Picture, load_group, shuffle
 from training.errors import ToolError
 from training.features import encode, load
-from training.imageio import read_image, write_exr, write_image
+from training.imageio import write_exr, write_image
 from training.scan import CHANNELS, scan
 from training.settings import parse
 from training.store import find_stored, read_pictures
 
 F = ["hdr", "alb", "nrm"]
-
-
-@pytest.mark.parametrize("ext,tolerance", [("exr", 0), ("pfm", 0), ("phm", 1e-3), ("hdr", 1e-2),
-                                           ("png", 2e-3)])
-@pytest.mark.parametrize("channels", [1, 3])
-def test_image_round_trip(tmp_path, ext, tolerance, channels):
-    image = np.random.default_rng(0).random((11, 17, channels)).astype(np.float32)
-    write_image(tmp_path / f"x.{ext}", image)
-    again = read_image(tmp_path / f"x.{ext}")[..., :channels]
-    assert again.shape == image.shape and np.abs(again - image).max() <= tolerance
-    assert [p.name for p in tmp_path.iterdir()] == [f"x.{ext}"]  # no temporary file stays
-
-
-def test_png_filters_and_depths(tmp_path):
-    """Every scan line filter, 16 bit, palette: built by hand."""
-    import struct
-    import zlib
-    rng = np.random.default_rng(1)
-    image = rng.integers(0, 256, (5, 4, 3), np.uint8)
-    flat = image.reshape(5, 12).astype(int)
-    rows = b""
-    for y in range(5):
-        up = flat[y - 1] if y else np.zeros(12, int)
-        left = np.concatenate([np.zeros(3, int), flat[y][:-3]])
-        corner = np.concatenate([np.zeros(3, int), up[:-3]])
-        p = left + up - corner
-        pa, pb, pc = abs(p - left), abs(p - up), abs(p - corner)
-        paeth = np.where((pa <= pb) & (pa <= pc), left, np.where(pb <= pc, up, corner))
-        guess = [np.zeros(12, int), left, up, (left + up) // 2, paeth][y]
-        rows += bytes([y]) + ((flat[y] - guess) % 256).astype(np.uint8).tobytes()
-
-    def png(depth, kind, data, extra=b""):
-        def chunk(name, body):
-            return struct.pack(">I", len(body)) + name + body + b"\0\0\0\0"
-        head = struct.pack(">IIBBBBB", 4, 5, depth, kind, 0, 0, 0)
-        return (b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + extra
-                + chunk(b"IDAT", zlib.compress(data)) + chunk(b"IEND", b""))
-
-    (tmp_path / "a.png").write_bytes(png(8, 2, rows))
-    assert np.array_equal(read_image(tmp_path / "a.png"), image.astype(np.float32) / 255)
-    wide = rng.integers(0, 65536, (5, 4, 1)).astype(">u2")
-    data = b"".join(b"\0" + row.tobytes() for row in wide)
-    (tmp_path / "b.png").write_bytes(png(16, 0, data))
-    assert np.array_equal(read_image(tmp_path / "b.png"), wide.astype(np.float32) / 65535)
-
-
-@pytest.mark.parametrize("name,data", [
-    ("a.exr", b"no exr"), ("b.exr", b""), ("c.pfm", b"PF\n4 4\n-1.0\n123"),
-    ("d.pfm", b"XX\n1 1\n1"),
-    ("e.hdr", b"#?RADIANCE\n\n-Y 2 +X 9\n\2\2\0\11\x85"), ("f.png", b"\x89PNG\r\n\x1a\n\0\0"),
-    ("g.png", b"GIF"), ("h.xyz", b""), ("missing.exr", None)])
-def test_broken_images_are_one_line(tmp_path, name, data):
-    if data is not None:
-        (tmp_path / name).write_bytes(data)
-    with pytest.raises(ToolError) as caught:
-        read_image(tmp_path / name)
-    assert name in str(caught.value) and "\n" not in str(caught.value) and caught.value.code == 3
-
-
-def test_truncated_exr(tmp_path):
-    write_image(tmp_path / "a.exr", np.random.default_rng(0).random((40, 40, 3)))
-    whole = (tmp_path / "a.exr").read_bytes()
-    (tmp_path / "a.exr").write_bytes(whole[:len(whole) // 2])
-    with pytest.raises(ToolError, match="cannot read"):
-        read_image(tmp_path / "a.exr")
-
-
-def test_unwritable_output(tmp_path):
-    (tmp_path / "file").touch()
-    with pytest.raises(ToolError) as caught:
-        write_image(tmp_path / "file" / "x.exr", np.zeros((2, 2, 3)))
-    assert caught.value.code == 5
 
 
 def test_features_are_cleaned_and_encoded(tmp_path):
