@@ -269,13 +269,27 @@ static const tile_shape shapes[] = {
 
 static const tile_shape small_shapes[] = {
     {small_4, 4, 6}, {small_3, 3, 8}, {small_2, 2, 12}, {small_1, 1, 12}, {pixel_1, 1, 1}};
+
+#if SLIDE_VECTORS > 1
+/* 1 if pixels share columns in all segments: then tiles of two vectors, which read each column once,
+ * load less than those of four. */
+static int slides(const lull_conv *conv)
+{
+    for (unsigned s = 0; s < conv->segments; s++)
+        if (s < conv->wide || !tile_taps(&conv->segment[s], conv->segment[s].step))
+            return 0;
+    return 1;
+}
+#else
+static int slides(const lull_conv *conv) { return (void)conv, 0; }
+#endif
 #endif
 
 void CONV(const lull_conv *conv)
 {
 #if SMALL_SUMS
     if (conv->is_small && conv->out_max <= 255) {
-        run_tiles(conv, small_shapes, LANES, 1);
+        run_tiles(conv, slides(conv) ? small_shapes + 2 : small_shapes, LANES, 1);
         return;
     }
 #endif

@@ -23,6 +23,16 @@ typedef struct tile_shape {
     unsigned vectors, pixels; /* of a tile */
 } tile_shape;
 
+/* Whole columns in a segment's runs, if each next pixel is one column on: 3, 2, or 0 otherwise.
+ * step: in bytes. */
+LULL_INLINE unsigned tile_taps(const lull_segment *segment, size_t step)
+{
+    size_t bytes = (size_t)4 * segment->length;
+    if (step % 4)
+        return 0;
+    return 3 * step == bytes ? 3 : 2 * step == bytes ? 2 : 0;
+}
+
 /* Runs the whole convolution. The shapes are listed with decreasing numbers of vectors and end
  * with one of one vector and one pixel. For the outputs that are left, takes the first shape
  * whose vectors and pixels are not more than needed. Elements of rows have 4 bytes, or, if
@@ -48,11 +58,7 @@ LULL_INLINE void run_tiles(const lull_conv *conv, const tile_shape *shapes, unsi
             part->block = (size_t)4 * lanes * segment->length;
             part->w = (const uint8_t *)segment->weights + row.first / lanes * part->block;
             part->length = segment->length;
-            part->taps = 0;
-            if (is_integer && s >= conv->wide && part->step % 4 == 0)
-                part->taps = 3 * part->step == (size_t)4 * part->length   ? 3
-                             : 2 * part->step == (size_t)4 * part->length ? 2
-                                                                          : 0;
+            part->taps = is_integer && s >= conv->wide ? tile_taps(segment, part->step) : 0;
         }
         shape->run(&row);
         row.first += shape->vectors * lanes;

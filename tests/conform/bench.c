@@ -111,6 +111,7 @@ static void make(lull_conv *conv, const layer *shape, int is_integer, unsigned b
     conv->pixels = PIXELS;
     conv->out_step = shape->outputs;
     conv->out_max = 255;
+    conv->is_small = is_integer; /* as in trained networks */
     conv->bias = memory(whole * 4);
     conv->multiplier = memory(whole * 4);
     for (size_t i = 0; i < whole; i++)
