@@ -31,36 +31,51 @@ const lull_image *lull_exec_feature(const lull_images *images, unsigned feature)
     return feature == 0 ? &images->color : feature == 1 ? &images->albedo : &images->normal;
 }
 
-/* n pixels of one feature, sanitised and in the network's range: signed ones to [0,1] if they are
- * the main image. */
-static void load_feature(float *out, const lull_task *t, unsigned feature, int is_main, unsigned x,
-                         unsigned y, unsigned n)
+/* n pixels of one feature as network values: sanitised, signed ones to [0,1] (of auxiliary images
+ * only normals are), then through the curve of this transfer function. */
+static void load_feature(float *out, const lull_task *t, unsigned feature, int is_main,
+                         lull_transfer transfer, unsigned x, unsigned y, unsigned n)
 {
     const lull_plan *plan = t->plan;
     lull_content_rule rule = lull_exec_content(&plan->frame);
-    int is_signed = is_main ? rule.is_signed : feature == 2;
-    float high = is_main && rule.is_hdr ? LULL_FLT_MAX : 1.0f;
+    lull_curve curve;
+    curve.transfer = transfer;
+    curve.is_signed = is_main ? rule.is_signed : feature == 2;
+    curve.scale = is_main ? plan->scale : 1.0f;
+    curve.low = curve.is_signed ? -1.0f : 0.0f;
+    curve.high = is_main && rule.is_hdr ? LULL_FLT_MAX : 1.0f;
     lull_image_load(out, lull_exec_feature(t->images, feature), plan->frame.width, x, y, n);
-    lull_sanitize(out, 3 * (size_t)n, is_main ? plan->scale : 1.0f, is_signed ? -1.0f : 0.0f, high);
-    for (unsigned i = 0; is_signed && i < 3 * n; i++)
-        out[i] = out[i] * 0.5f + 0.5f;
+    plan->model->kernels.curve_in(out, &curve, 3 * (size_t)n);
+}
+
+/* n values, three channels in turn, as 15-bit codes. */
+static void to_codes(uint16_t *codes, const float *v, const float *scale, unsigned n)
+{
+    for (unsigned i = 0; i < n; i++) {
+        float code = v[i] * scale[i] + 0.5f;
+        codes[i] = (uint16_t)(int)(code < 32767.0f ? code : 32767.0f);
+    }
 }
 
 /* Three channels of n pixels, from channel `at` on, of a U network's input row. */
 static void put_input(const lull_plan *plan, uint8_t *row, const float *v, unsigned at, unsigned n)
 {
-    const float *scale = plan->model->input_scale + at;
-    for (unsigned i = 0; i < n; i++, v += 3, row += lull_ring_pixel(&plan->ring[0])) {
-        uint16_t codes[3];
-        if (plan->ring[0].dtype == LULL_DTYPE_F32) {
-            memcpy(row + at * sizeof *v, v, 3 * sizeof *v);
-            continue;
-        }
-        for (unsigned c = 0; c < 3; c++) {
-            float code = v[c] * scale[c] + 0.5f;
-            codes[c] = code < 32767.0f ? (uint16_t)code : 32767;
-        }
-        memcpy(row + at * sizeof *codes, codes, sizeof codes);
+    enum { SOME = 16 };
+    const size_t pixel = lull_ring_pixel(&plan->ring[0]);
+    uint16_t codes[3 * SOME];
+    float scale[3 * SOME];
+    if (plan->ring[0].dtype == LULL_DTYPE_F32) {
+        for (unsigned i = 0; i < n; i++)
+            memcpy(row + i * pixel + at * sizeof *v, v + 3 * i, 3 * sizeof *v);
+        return;
+    }
+    for (unsigned i = 0; i < 3 * SOME; i++)
+        scale[i] = plan->model->input_scale[at + i % 3];
+    for (unsigned x = 0; x < n; x += SOME) {
+        unsigned count = lull_min_u(SOME, n - x);
+        to_codes(codes, v + 3 * x, scale, 3 * count);
+        for (unsigned i = 0; i < count; i++)
+            memcpy(row + (x + i) * pixel + at * sizeof *codes, codes + 3 * i, 3 * sizeof *codes);
     }
 }
 
@@ -70,15 +85,19 @@ static void load_direct(const lull_task *t, float *block, unsigned x, unsigned y
 {
     lull_plan *plan = t->plan;
     uint8_t *row = lull_exec_row(plan, 0, y) + (x - t->left) * lull_ring_pixel(&plan->ring[0]);
+    lull_transfer transfer;
     unsigned at = 0;
     for (unsigned feature = 0; feature < 3; feature++) {
         if (!(plan->frame.features >> feature & 1))
             continue;
-        load_feature(block, t, feature, at == 0, x, y - t->base_row, n);
-        if (at == 0 && is_decoded(plan))
+        transfer = at ? LULL_TRANSFER_LINEAR : lull_exec_content(&plan->frame).transfer;
+        if (at == 0 && is_decoded(plan)) {
+            load_feature(block, t, feature, 1, LULL_TRANSFER_LINEAR, x, y - t->base_row, n);
             lull_transfer_inverse(LULL_TRANSFER_SRGB, block, 3 * (size_t)n);
-        if (at == 0)
-            lull_transfer_forward(lull_exec_content(&plan->frame).transfer, block, 3 * (size_t)n);
+            lull_transfer_forward(transfer, block, 3 * (size_t)n);
+        } else {
+            load_feature(block, t, feature, at == 0, transfer, x, y - t->base_row, n);
+        }
         put_input(plan, row, block, at, n);
         at += 3;
     }
@@ -115,7 +134,7 @@ static void main_pixels(lull_encoding *from, const lull_task *t, float *block, u
     if (from->radiance && !plan->keeps_rows && !rule.is_signed && !is_decoded(plan) &&
         plan->scale >= 0.0f)
         return;
-    load_feature(block, t, feature, 1, x, y, n);
+    load_feature(block, t, feature, 1, LULL_TRANSFER_LINEAR, x, y, n);
     if (is_decoded(plan))
         lull_transfer_inverse(LULL_TRANSFER_SRGB, block, 3 * (size_t)n);
     from->radiance = block;
@@ -259,23 +278,25 @@ static float unscale_of(const lull_plan *plan)
 static void finish(float *v, const lull_plan *plan, unsigned channels, unsigned n)
 {
     lull_content_rule rule = lull_exec_content(&plan->frame);
-    float unscale = unscale_of(plan);
-    lull_sanitize(v, 3 * (size_t)n, 1.0f, 0.0f, LULL_FLT_MAX);
-    if (plan->model->graph.family == LULL_FAMILY_U)
-        lull_transfer_inverse(rule.transfer, v, 3 * (size_t)n);
+    int is_family_u = plan->model->graph.family == LULL_FAMILY_U;
+    int has_more = is_decoded(plan) || channels == 1; /* before the range is set */
+    lull_curve first = {LULL_TRANSFER_LINEAR, 1.0f, 0.0f, lull_float(0x7f800000u), 0}, last = first;
+    last.scale = unscale_of(plan);
+    last.low = rule.is_signed ? -1.0f : 0.0f;
+    last.high = rule.is_hdr ? first.high : 1.0f;
+    last.is_signed = rule.is_signed;
+    if (!has_more)
+        first = last;
+    first.transfer = is_family_u ? rule.transfer : LULL_TRANSFER_LINEAR;
+    plan->model->kernels.curve_out(v, &first, 3 * (size_t)n);
     if (is_decoded(plan))
         lull_transfer_forward(LULL_TRANSFER_SRGB, v, 3 * (size_t)n);
     for (unsigned i = 0; channels == 1 && i < n; i++)
         v[3 * i] = (v[3 * i] + v[3 * i + 1] + v[3 * i + 2]) / 3.0f;
-    for (unsigned i = 0; i < 3 * n; i++) {
-        float x = v[i];
-        if (rule.is_signed) {
-            x = x * 2.0f - 1.0f;
-            x = x < -1.0f ? -1.0f : x;
-        }
-        if (!rule.is_hdr)
-            x = x > 1.0f ? 1.0f : x;
-        v[i] = x * unscale;
+    for (unsigned i = 0; has_more && i < 3 * n; i++) {
+        float x = last.is_signed ? v[i] * 2.0f - 1.0f : v[i];
+        x = x < last.low ? last.low : x;
+        v[i] = (x > last.high ? last.high : x) * last.scale;
     }
 }
 
@@ -283,15 +304,19 @@ static void finish(float *v, const lull_plan *plan, unsigned channels, unsigned 
 static void get_output(const lull_plan *plan, float *out, const uint8_t *row, unsigned n)
 {
     const lull_ring *ring = &plan->ring[plan->model->graph.layers];
-    for (unsigned i = 0; i < n; i++, out += 3, row += lull_ring_pixel(ring)) {
-        uint16_t codes[3];
-        if (ring->dtype == LULL_DTYPE_F32) {
-            memcpy(out, row, 3 * sizeof *out);
-            continue;
-        }
-        memcpy(codes, row, sizeof codes);
-        for (unsigned c = 0; c < 3; c++)
-            out[c] = (float)codes[c] * plan->model->output_scale;
+    const size_t pixel = lull_ring_pixel(ring);
+    const float scale = plan->model->output_scale;
+    if (ring->dtype == LULL_DTYPE_F32 && pixel == 3 * sizeof *out) {
+        memcpy(out, row, n * pixel);
+    } else if (ring->dtype == LULL_DTYPE_F32) {
+        for (unsigned i = 0; i < n; i++)
+            memcpy(out + 3 * i, row + i * pixel, 3 * sizeof *out);
+    } else {
+        const uint16_t *codes = (const uint16_t *)(const void *)row;
+        for (unsigned i = 0; ring->channels == 3 && i < 3 * n; i++)
+            out[i] = (float)(int)codes[i] * scale;
+        for (unsigned i = 0; ring->channels > 3 && i < 3 * n; i++)
+            out[i] = (float)(int)codes[i / 3 * ring->channels + i % 3] * scale;
     }
 }
 

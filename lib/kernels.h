@@ -120,6 +120,21 @@ typedef struct lull_blending {
     unsigned pairs;
 } lull_blending;
 
+/* What happens to an image's values before and after a U network; S is lull_sane, `transfer` a
+ * lull_transfer with its curves F and F'.
+ *
+ * curve_in: v = F(S(v, scale, low, high)), with s * 0.5 + 0.5 of what S gives if is_signed.
+ *
+ * curve_out: r = F'(S(v, 1, 0, FLT_MAX)), r * 2 - 1 if is_signed; then not below low (a number) nor
+ *     above high (a number or infinity), times scale.
+ *
+ * Both in place, n values. */
+typedef struct lull_curve {
+    unsigned transfer;
+    float scale, low, high;
+    int is_signed;
+} lull_curve;
+
 typedef struct lull_kernels {
     unsigned block_f32; /* output channels a weight block holds, fp32 */
     unsigned block_int;

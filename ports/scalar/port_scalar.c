@@ -20,4 +20,6 @@ void lull_port_scalar(lull_kernels *kernels)
     kernels->blend = lull_blend_scalar;
     kernels->modulate = lull_modulate_scalar;
     kernels->luminance = lull_luminance_scalar;
+    kernels->curve_in = lull_curve_in_scalar;
+    kernels->curve_out = lull_curve_out_scalar;
 }

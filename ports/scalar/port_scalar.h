@@ -28,5 +28,7 @@ void lull_blend_scalar(const lull_blending *blending);
 void lull_modulate_scalar(float *out, const float *v, size_t plane, const float *smooth,
                        size_t smooth_plane, float unscale, unsigned pixels);
 void lull_luminance_scalar(float *sums, const float *pixels, unsigned n);
+void lull_curve_in_scalar(float *values, const lull_curve *curve, size_t n);
+void lull_curve_out_scalar(float *values, const lull_curve *curve, size_t n);
 
 #endif

@@ -20,4 +20,8 @@ void lull_port_avx2(lull_kernels *kernels)
     kernels->blend = lull_blend_avx2;
     kernels->modulate = lull_modulate_avx2;
     kernels->luminance = lull_luminance_avx2;
+#if !LULL_EMULATE
+    kernels->curve_in = lull_curve_in_avx2;
+    kernels->curve_out = lull_curve_out_avx2;
+#endif
 }

@@ -30,5 +30,7 @@ void lull_blend_avx2(const lull_blending *blending);
 void lull_modulate_avx2(float *out, const float *v, size_t plane, const float *smooth,
                        size_t smooth_plane, float unscale, unsigned pixels);
 void lull_luminance_avx2(float *sums, const float *pixels, unsigned n);
+void lull_curve_in_avx2(float *values, const lull_curve *curve, size_t n);
+void lull_curve_out_avx2(float *values, const lull_curve *curve, size_t n);
 
 #endif

@@ -11,6 +11,8 @@ void lull_port_avx512(lull_kernels *kernels)
     kernels->conv_int = lull_conv_int_avx512;
     kernels->conv_int3 = lull_conv_int3_avx512;
 #if !LULL_EMULATE /* it lacks the instructions */
+    kernels->curve_in = lull_curve_in_avx512;
+    kernels->curve_out = lull_curve_out_avx512;
     kernels->filter5 = lull_filter5_avx512;
     kernels->encode = lull_encode_avx512;
     kernels->spread = lull_spread_avx512;

@@ -284,6 +284,16 @@ static void run_luminance(const lull_kernels *k)
     k->luminance(floats, floats + 64 * PIXELS, PIXELS);
 }
 
+static void run_curve(const lull_kernels *k, int is_out)
+{
+    static const lull_curve curve = {2, 1.0f, 0.0f, 3.402823466e38f, 0};
+    memcpy(floats, floats + 64 * PIXELS, 3 * PIXELS * sizeof *floats);
+    (is_out ? k->curve_out : k->curve_in)(floats, &curve, 3 * (size_t)PIXELS);
+}
+
+static void run_curve_in(const lull_kernels *k) { run_curve(k, 0); }
+static void run_curve_out(const lull_kernels *k) { run_curve(k, 1); }
+
 static double pixel_time(void (*run)(const lull_kernels *), const lull_kernels *kernels)
 {
     double best[RUNS];
@@ -325,6 +335,8 @@ static unsigned bench_pixels(const char *port, const lull_kernels *kernels,
     BENCH(spread, "3 channels")
     BENCH(modulate, "3 channels")
     BENCH(luminance, "3 channels")
+    BENCH(curve_in, "3 channels")
+    BENCH(curve_out, "3 channels")
     forget(floats);
     forget(bytes);
     return done;

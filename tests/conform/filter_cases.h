@@ -216,6 +216,52 @@ static void modulate_cases(void)
         modulate_case(pixels);
 }
 
+static void curve_case(unsigned n, int is_out)
+{
+    static const float highs[] = {1.0f, 3.402823466e38f};
+    int at_end = guard_below(2) != 0;
+    float *v = guard_place(GUARD_OUT, n * sizeof *v, at_end), *from;
+    lull_curve curve;
+    curve.transfer = guard_below(4);
+    curve.scale = guard_below(2) ? 0.25f : 7.5f;
+    curve.is_signed = guard_below(4) == 0;
+    curve.low = curve.is_signed ? -1.0f : 0.0f;
+    curve.high = highs[guard_below(2)];
+    from = make_floats(GUARD_ROW, n, is_out ? 0.0f : -0.1f, is_out ? 1.1f : 200.0f, at_end);
+    spoil(from, n);
+    memcpy(expected, from, n * sizeof *v);
+    memcpy(v, from, n * sizeof *v);
+    if (is_out) {
+        now.scalar.curve_out((float *)(void *)expected, &curve, n);
+        now.port->curve_out(v, &curve, n);
+    } else {
+        now.scalar.curve_in((float *)(void *)expected, &curve, n);
+        now.port->curve_in(v, &curve, n);
+    }
+    for (unsigned i = 0; curve.transfer == 0 && i < n; i++) { /* the definition, without a curve */
+        volatile float x = sane_value(from[i], is_out ? 1.0f : curve.scale, is_out ? 0.0f : curve.low,
+                                      is_out ? 3.402823466e38f : curve.high);
+        if (curve.is_signed)
+            x = is_out ? x * 2.0f - 1.0f : x * 0.5f + 0.5f;
+        x = is_out && x < curve.low ? curve.low : x;
+        x = (is_out && x > curve.high ? curve.high : x) * (is_out ? curve.scale : 1.0f);
+        CHECK(v[i] == x);
+    }
+    same_bytes(v, n * sizeof *v, is_out ? "curve_out" : "curve_in", n);
+}
+
+static void curve_in_cases(void)
+{
+    for (unsigned n = 1; n <= 100; n++)
+        curve_case(n, 0);
+}
+
+static void curve_out_cases(void)
+{
+    for (unsigned n = 1; n <= 100; n++)
+        curve_case(n, 1);
+}
+
 static void demodulate_case(unsigned pixels)
 {
     int at_end = guard_below(2) != 0;

@@ -18,7 +18,8 @@ LIB = {
     "status": set(),
     "tza": {"image"},
     "image": set(),
-    "transfer": set(),
+    "transfer": {"curves"},
+    "curves": {"kernels"},
     "exposure": {"image", "transfer", "kernels"},
     "cpu": {"ports"},
     "winograd": set(),
@@ -35,7 +36,7 @@ LIB = {
 }
 LIBC = {"float.h", "stddef.h", "stdint.h", "string.h"}  # string.h in base.h only
 INTRINSICS = {"immintrin.h", "emmintrin.h", "tmmintrin.h", "arm_neon.h", "cpuid.h"}
-PORT_MAY = {"base", "kernels", "lull", "winograd"}  # headers of lib/
+PORT_MAY = {"base", "curves", "kernels", "lull", "winograd"}  # headers of lib/
 APPS_MAY = {"lull.h", "OpenImageDenoise/oidn.h", "OpenImageDenoise/oidn.hpp",
             "OpenImageDenoise/config.h"}
 
