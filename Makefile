@@ -230,7 +230,7 @@ endif
 $(BUILD)/obj/lib/%.o: FLAGS = $(CORE_FLAGS)
 $(BUILD)/obj/ports/%.o: FLAGS = $(CORE_FLAGS) -Ilib $(ISA)
 $(BUILD)/obj/oidn/%.o: FLAGS = $(HOSTED_FLAGS) -DOpenImageDenoise_EXPORTS -Iweights -I$(BUILD)/gen
-$(BUILD)/obj/apps/%.o: FLAGS = $(HOSTED_FLAGS) $(STATIC_FLAGS) -Iapps $(OPENEXR_CFLAGS) $(PNG_CFLAGS)
+$(BUILD)/obj/apps/%.o: FLAGS = $(HOSTED_FLAGS) $(STATIC_FLAGS) -Iapps -Iweights $(OPENEXR_CFLAGS) $(PNG_CFLAGS)
 $(BUILD)/obj/bench/%.o: FLAGS = $(HOSTED_FLAGS)
 $(BUILD)/obj/tests/%.o: FLAGS = $(HOSTED_FLAGS) $(STATIC_FLAGS) -Itests -Iapps -I. $(OPENEXR_CFLAGS) $(PNG_CFLAGS) $(TEST_FLAGS)
 

@@ -1,6 +1,7 @@
-/* lullInfo: what lull sees. Without arguments the processor and the ports of this build; of weights
- * files the network, its cost and memory; of images their size, layers and values; with --compare
- * the distance of images from a reference. docs/apps.md is its manual. */
+/* lullInfo: what lull sees. Without arguments the processor, the ports of this build and its
+ * built-in models; of weights files the network, its cost and memory; of images their size, layers
+ * and values; with --compare the distance of images from a reference. docs/apps.md is its manual.
+ */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -92,19 +93,23 @@ static void tell_model(const settings *s, const char *path, const lull_model *mo
                                         LULL_HAS_COLOR | LULL_HAS_ALBEDO | LULL_HAS_NORMAL};
     lull_model_info info;
     lull_frame frame;
-    size_t plan, least;
+    size_t plan, least, streamed;
     lull_model_get_info(model, &info);
     frame = lull_frame_default((unsigned)s->width, (unsigned)s->height, LULL_HDR,
                                features[info.inputs / 3 <= 3 ? info.inputs / 3 : 3]);
     plan = lull_plan_size(&frame, model);
     least = lull_plan_minimum(&frame, model);
+    frame.row_step = 1;
+    frame.strip_width = frame.width; /* in one strip: nothing is computed twice */
+    streamed = lull_plan_size(&frame, model);
     report_line("%s: %s, %u inputs, %s\n", path, info.network, info.inputs,
                 info.is_integer ? "int8" : "fp16");
     report_line("  %.1f kMAC/pixel, %llu parameters, %zu bytes in the file, %zu in memory\n",
                 (double)info.macs_per_pixel / 1000, (unsigned long long)info.parameters, file_bytes,
                 model_bytes);
-    report_line("  %dx%d: %.1f MB of working memory, %.1f MB at least\n", s->width, s->height,
-                (double)plan / 1e6, (double)least / 1e6);
+    report_line("  %dx%d: %.1f MB of working memory, %.1f MB row by row, %.1f MB in strips\n",
+                s->width, s->height, (double)plan / 1e6, (double)streamed / 1e6,
+                (double)least / 1e6);
     json_text(report, "network", info.network);
     json_number(report, "inputs", info.inputs);
     json_bool(report, "integer", (int)info.is_integer);
@@ -115,31 +120,69 @@ static void tell_model(const settings *s, const char *path, const lull_model *mo
     json_number(report, "width", s->width);
     json_number(report, "height", s->height);
     json_number(report, "plan_bytes", (double)plan);
+    json_number(report, "plan_streamed_bytes", (double)streamed);
     json_number(report, "plan_minimum_bytes", (double)least);
 }
 
-static exit_code tell_weights(const settings *s, const char *path, json *report)
+static exit_code tell_tza(const settings *s, const char *name, const void *tza, size_t bytes,
+                          json *report)
 {
-    size_t bytes = 0, model_bytes;
-    void *tza = device_load_weights(path, &bytes), *block = NULL, *memory;
+    size_t model_bytes = lull_model_size(tza, bytes, allowed_ports());
+    void *block = NULL, *memory;
     lull_model *model = NULL;
     lull_status status;
     exit_code code = EXIT_OK;
-    if (!tza)
-        return EXIT_INPUT;
-    model_bytes = lull_model_size(tza, bytes, allowed_ports());
     /* Without a size lull_model_init says what is wrong; 64 KiB are enough for that. */
     memory = aligned(model_bytes ? model_bytes : 65536, &block);
     status = memory ? lull_model_init(&model, memory, model_bytes ? model_bytes : 65536, tza, bytes,
                                       allowed_ports())
                     : LULL_ERROR_MEMORY;
     if (status)
-        code = report_error(EXIT_INPUT, "cannot use the weights '%s': %s", path,
+        code = report_error(EXIT_INPUT, "cannot use the weights '%s': %s", name,
                             lull_status_text(status));
     else
-        tell_model(s, path, model, bytes, model_bytes, report);
+        tell_model(s, name, model, bytes, model_bytes, report);
     free(block);
+    return code;
+}
+
+static exit_code tell_weights(const settings *s, const char *path, json *report)
+{
+    size_t bytes = 0;
+    void *tza = device_load_weights(path, &bytes);
+    exit_code code = tza ? tell_tza(s, path, tza, bytes, report) : EXIT_INPUT;
     free(tza);
+    return code;
+}
+
+/* The weights that the build put into the library. */
+#define BUILTIN(id, file, content, features, clean_aux, qualities) \
+    extern const unsigned char lull_weights_##id[];                \
+    extern const size_t lull_weights_##id##_bytes;
+#include "builtin.def"
+#undef BUILTIN
+
+static exit_code tell_builtin(const settings *s, json *report)
+{
+    static const struct {
+        const char *file;
+        const unsigned char *data;
+        const size_t *bytes;
+    } models[] = {
+#define BUILTIN(id, file, content, features, clean_aux, qualities) \
+    {file, lull_weights_##id, &lull_weights_##id##_bytes},
+#include "builtin.def"
+        {NULL, NULL, NULL}};
+    exit_code code = EXIT_OK;
+    report_line("Built-in models:\n");
+    json_open(report, "models", '[');
+    for (unsigned i = 0; models[i].file && !code; i++) {
+        json_open(report, NULL, '{');
+        json_text(report, "file", models[i].file);
+        code = tell_tza(s, models[i].file, models[i].data, *models[i].bytes, report);
+        json_close(report, '}');
+    }
+    json_close(report, ']');
     return code;
 }
 
@@ -345,7 +388,7 @@ static exit_code run(const settings *s, json *report)
     exit_code code = EXIT_OK;
     if (!s->count && !s->reference) {
         tell_ports(report);
-        return EXIT_OK;
+        return tell_builtin(s, report);
     }
     if (s->reference) {
         code = load_linear(&reference, s->reference);

@@ -12,8 +12,8 @@
 
 /* Row steps. The first is for many threads, which want many rows to share; for few, 8 rows stay in
  * caches better, and for family K 4 are as fast on one thread, 2 % slower on two, and save 0.7 MB
- * at 1920 columns. A step of 1 would need more memory again: coarse layers then run ahead. */
-static const unsigned steps[] = {16, 8, 4, 2};
+ * at 1920 columns. */
+static const unsigned steps[] = {16, 8, 4, 2, 1};
 enum { MANY_STEP, FEW_STEP, SMALL_STEP };
 #define FEW_THREADS 4u
 #define STEP_COUNT (sizeof steps / sizeof steps[0])
@@ -64,19 +64,48 @@ unsigned lull_plan_albedo(const lull_plan *plan)
     return lull_max_u(lull_min_u(rows, plan->height), plan->done[LULL_TENSOR_ALBEDO]);
 }
 
+/* Rows of layer l in a turn, after pooling. */
+static unsigned turn_rows(const lull_plan *plan, const lull_layer *layer)
+{
+    unsigned turn = lull_max_u(plan->row_step >> (layer->level + layer->pool), 1);
+    return (unsigned)lull_align_up(turn, lull_layer_rows(layer));
+}
+
+/* 1 if every layer that reads a tensor could take a whole turn with the rows that are made. A layer
+ * without readers makes the output. */
+static int is_ahead(const lull_plan *plan, unsigned tensor)
+{
+    const lull_graph *graph = &plan->model->graph;
+    unsigned height = plan->height >> lull_graph_level(graph, tensor), readers = 0;
+    for (unsigned l = 0; l < graph->layers; l++) {
+        const lull_layer *layer = &graph->layer[l];
+        unsigned all = plan->height >> layer->level;
+        unsigned wanted = (plan->done[l + 1] + turn_rows(plan, layer)) << layer->pool;
+        for (unsigned s = 0; s < LULL_MAX_SOURCES; s++) {
+            if (layer->source[s] != tensor)
+                continue;
+            if (rows_ready((lull_reads)layer->reads[s], plan->done[tensor], height, all) <
+                lull_min_u(wanted, all))
+                return 0;
+            readers++;
+        }
+    }
+    return readers > 0;
+}
+
 unsigned lull_plan_turn(const lull_plan *plan, unsigned l)
 {
     const lull_graph *graph = &plan->model->graph;
     const lull_layer *layer = &graph->layer[l];
     unsigned all = plan->height >> layer->level, ready = all;
-    unsigned rows = lull_layer_rows(layer);
-    unsigned turn = lull_max_u(plan->row_step >> (layer->level + layer->pool), 1);
+    unsigned rows = lull_layer_rows(layer), done = plan->done[l + 1];
+    if (is_ahead(plan, l + 1))
+        return done;
     for (unsigned s = 0; s < LULL_MAX_SOURCES && layer->source[s] != LULL_TENSOR_NONE; s++)
         ready = lull_min_u(
             ready, rows_ready((lull_reads)layer->reads[s], plan->done[layer->source[s]],
                               plan->height >> lull_graph_level(graph, layer->source[s]), all));
-    turn = (unsigned)lull_align_up(turn, rows);
-    return lull_min_u((ready >> layer->pool) / rows * rows, plan->done[l + 1] + turn);
+    return lull_min_u((ready >> layer->pool) / rows * rows, done + turn_rows(plan, layer));
 }
 
 /* Rows of a tensor that are still needed, given what its consumers and the output have made. */
@@ -283,8 +312,7 @@ static void layout(lull_plan *plan)
     plan->bytes = total;
 }
 
-/* The narrowest plan, with the row step that then needs least: in steps of 2 some layers run ahead.
- */
+/* The narrowest plan, with the row step that then needs least. */
 static void layout_minimum(lull_plan *plan)
 {
     unsigned best = 0;

@@ -271,8 +271,8 @@ static const tile_shape small_shapes[] = {
     {small_4, 4, 6}, {small_3, 3, 8}, {small_2, 2, 12}, {small_1, 1, 12}, {pixel_1, 1, 1}};
 
 #if SLIDE_VECTORS > 1
-/* 1 if pixels share columns in all segments: then tiles of two vectors, which read each column once,
- * load less than those of four. */
+/* 1 if pixels share columns in all segments: then tiles of two vectors, which read each column
+ * once, load less than those of four. */
 static int slides(const lull_conv *conv)
 {
     for (unsigned s = 0; s < conv->segments; s++)

@@ -239,8 +239,9 @@ static void curve_case(unsigned n, int is_out)
         now.port->curve_in(v, &curve, n);
     }
     for (unsigned i = 0; curve.transfer == 0 && i < n; i++) { /* the definition, without a curve */
-        volatile float x = sane_value(from[i], is_out ? 1.0f : curve.scale, is_out ? 0.0f : curve.low,
-                                      is_out ? 3.402823466e38f : curve.high);
+        volatile float x = is_out
+                               ? sane_value(from[i], 1.0f, 0.0f, 3.402823466e38f)
+                               : sane_value(from[i], curve.scale, curve.low, curve.high);
         if (curve.is_signed)
             x = is_out ? x * 2.0f - 1.0f : x * 0.5f + 0.5f;
         x = is_out && x < curve.low ? curve.low : x;

@@ -156,7 +156,7 @@ static void compare(const golden *g, const float *out, float output_scale)
 
 static void check_case(const char *name)
 {
-    static const unsigned variants[][2] = {{16, 16}, {1, 0}, {5, 32}, {64, 0}, {2, 48}};
+    static const unsigned variants[][2] = {{16, 16}, {1, 0}, {1, 16}, {5, 32}, {64, 0}, {2, 48}};
     golden g;
     float scale, *first;
     size_t bytes;
