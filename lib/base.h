@@ -11,10 +11,12 @@
 
 #if defined(__GNUC__)
 #define LULL_INLINE static inline __attribute__((always_inline, unused))
+#define LULL_NOINLINE __attribute__((noinline)) /* its buffers shall not join the caller's */
 #define LULL_RESTRICT __restrict__
 #define LULL_ALIGNED(n) __attribute__((aligned(n)))
 #else
 #define LULL_INLINE static inline
+#define LULL_NOINLINE
 #define LULL_RESTRICT
 #define LULL_ALIGNED(n)
 #endif
@@ -67,6 +69,9 @@ LULL_INLINE unsigned lull_max_u(unsigned a, unsigned b) { return a > b ? a : b; 
 #endif
 #ifndef LULL_WITH_VNNI
 #define LULL_WITH_VNNI LULL_ARCH_X86
+#endif
+#ifndef LULL_WITH_AMX
+#define LULL_WITH_AMX LULL_ARCH_X86
 #endif
 #ifndef LULL_WITH_NEON
 #define LULL_WITH_NEON (LULL_ARCH_ARM64 || LULL_ARCH_NEON32)

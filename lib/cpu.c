@@ -9,7 +9,8 @@ enum {
     FEATURE_AVX512VNNI = 8, /* AVX-512 VNNI */
     FEATURE_NEON = 16,
     FEATURE_DOTPROD = 32,
-    FEATURE_I8MM = 64
+    FEATURE_I8MM = 64,
+    FEATURE_AMX = 128 /* AMX-TILE, AMX-INT8, and an OS that lets this process use tiles */
 };
 
 #if !LULL_ARCH_X86 || !defined(__GNUC__)
@@ -33,14 +34,43 @@ static uint32_t compiled_features(void)
 #if LULL_ARCH_X86 && defined(__GNUC__)
 #include <cpuid.h>
 
+#if defined(__linux__) && defined(__x86_64__)
+/* Linux keeps the tile registers back until a process asks for them. Without a C library there is
+ * only the instruction itself. */
+enum { ARCH_PRCTL = 158, GET_PERMISSION = 0x1022, REQUEST_PERMISSION = 0x1023, TILE_DATA = 18 };
+
+static long arch_prctl(long code, void *argument)
+{
+    long result;
+    __asm__ volatile("syscall"
+                     : "=a"(result)
+                     : "0"((long)ARCH_PRCTL), "D"(code), "S"(argument)
+                     : "rcx", "r11", "memory");
+    return result;
+}
+
+static int may_use_tiles(void)
+{
+    uint64_t components = 0;
+    return arch_prctl(GET_PERMISSION, &components) == 0 && (components >> TILE_DATA & 1);
+}
+#else
+static int may_use_tiles(void) { return 0; }
+#endif
+
+static int has_amx(uint32_t xcr0, uint32_t d7)
+{
+    return (xcr0 & 0x60000) == 0x60000 && (d7 >> 24 & 1) && (d7 >> 25 & 1);
+}
+
 static uint32_t features(void)
 {
-    uint32_t a, b, c, d, b7, c7, found = 0, xcr0, hi;
+    uint32_t a, b, c, d, b7, c7, d7, found = 0, xcr0, hi;
     (void)d;
     if (!__get_cpuid(1, &a, &b, &c, &d) || !(c & bit_OSXSAVE) || !(c & bit_AVX))
         return 0;
     __asm__("xgetbv" : "=a"(xcr0), "=d"(hi) : "c"(0));
-    if ((xcr0 & 6) != 6 || !__get_cpuid_count(7, 0, &a, &b7, &c7, &d))
+    if ((xcr0 & 6) != 6 || !__get_cpuid_count(7, 0, &a, &b7, &c7, &d7))
         return 0;
     if ((b7 & bit_AVX2) && (c & bit_FMA))
         found |= FEATURE_AVX2;
@@ -51,6 +81,8 @@ static uint32_t features(void)
         found |= FEATURE_AVX512;
         if (c7 & (1u << 11))
             found |= FEATURE_AVX512VNNI;
+        if (has_amx(xcr0, d7) && may_use_tiles())
+            found |= FEATURE_AMX;
     }
     return found;
 }
@@ -87,6 +119,7 @@ enum {
     NEEDS_avx512 = FEATURE_AVX512,
     NEEDS_avxvnni = FEATURE_AVX2 | FEATURE_AVXVNNI,
     NEEDS_vnni = FEATURE_AVX512 | FEATURE_AVX512VNNI,
+    NEEDS_amx = FEATURE_AVX512 | FEATURE_AVX512VNNI | FEATURE_AMX,
     NEEDS_neon = FEATURE_NEON,
     NEEDS_dotprod = FEATURE_NEON | FEATURE_DOTPROD,
     NEEDS_i8mm = FEATURE_NEON | FEATURE_I8MM
@@ -103,4 +136,13 @@ uint32_t lull_cpu_ports(void)
         if ((needs[i] & found) == needs[i])
             ports |= 1u << i;
     return ports;
+}
+
+void lull_cpu_request(void)
+{
+#if LULL_ARCH_X86 && defined(__GNUC__) && defined(__linux__) && defined(__x86_64__)
+    uint32_t a, b, c, d;
+    if (__get_cpuid_count(7, 0, &a, &b, &c, &d) && (d >> 24 & 1))
+        (void)arch_prctl(REQUEST_PERMISSION, (void *)(uintptr_t)TILE_DATA); /* it may be refused */
+#endif
 }

@@ -10,4 +10,7 @@
  * use them everywhere. */
 uint32_t lull_cpu_ports(void);
 
+/* lull_ports_request. */
+void lull_cpu_request(void);
+
 #endif

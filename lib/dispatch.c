@@ -21,6 +21,8 @@ static const char *const slot_names[] = {
 
 uint32_t lull_ports_available(void) { return lull_cpu_ports(); }
 
+void lull_ports_request(void) { lull_cpu_request(); }
+
 const char *lull_port_name(unsigned index)
 {
     return index < PORT_COUNT ? port_names[index] : NULL;

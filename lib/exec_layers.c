@@ -85,7 +85,7 @@ static void conv_row(const lull_plan *plan, unsigned l, uint8_t *out, unsigned x
                      plan->ring[layer->source[1]].dtype == LULL_DTYPE_U15;
     unsigned phases = lull_layer_is_up(layer) ? 2 : 1;
     void (*kernel)(const lull_conv *) = !plan->model->graph.is_integer ? kernels->conv_f32
-                                        : lull_pack_is_int3(&plan->model->graph, l)
+                                        : lull_pack_is_int3(&plan->model->graph, kernels, l)
                                             ? kernels->conv_int3
                                             : kernels->conv_int;
     lull_conv conv;

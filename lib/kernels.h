@@ -32,10 +32,12 @@ typedef struct lull_segment {
  * wide_shift) + bias[o] + sum over the other segments q = clamp((a * multiplier[o] + 2^30) >> 31,
  * 0, out_max)      (64-bit product) out_max <= 255 stores uint8_t, larger (to 32767) uint16_t. Runs
  * are read in whole dwords: 4 narrow or 2 wide elements; the weights of elements past the run are
- * zero. A weight dword holds 4 int8 or 2 int16 in memory order. B is the table's block_int.
+ * zero. A weight dword holds 4 int8 or 2 int16 in memory order. B is the table's block_int. If the
+ * table has splits_wide, wide weights w0, w1 are the bytes 0, w0, 0, w1 instead, and all of them
+ * follow once more as w0, 0, w1, 0.
  *
  * conv_int3: the same for exactly three outputs, with B = 1, which is what integer layers of three
- * outputs are packed for.
+ * outputs are packed for, unless the table has splits_wide.
  *
  * bias and multiplier are zero-padded to whole blocks. */
 typedef struct lull_conv {
@@ -138,6 +140,7 @@ typedef struct lull_curve {
 typedef struct lull_kernels {
     unsigned block_f32; /* output channels a weight block holds, fp32 */
     unsigned block_int;
+    unsigned splits_wide; /* 1: conv_int multiplies the bytes of wide elements by themselves */
 #define KERNEL(name, parameters, tolerance, purpose) void(*name) parameters;
 #include "kernels.def"
 } lull_kernels;

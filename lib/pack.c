@@ -81,22 +81,27 @@ unsigned lull_pack_length(lull_dtype dtype, unsigned elements)
     return (elements + group(dtype) - 1) / group(dtype);
 }
 
-static void put(uint8_t *out, lull_dtype dtype, float value)
+/* split: 0, or as which byte of two a wide weight is written, 1 or 2. */
+static void put(uint8_t *out, lull_dtype dtype, float value, unsigned split)
 {
     int is_float = dtype == LULL_DTYPE_F32; /* then the value may be outside the integers */
     int8_t narrow = is_float ? 0 : (int8_t)value;
     int16_t wide = is_float ? 0 : (int16_t)value;
-    if (is_float)
+    if (is_float) {
         memcpy(out, &value, sizeof value);
-    else if (dtype == LULL_DTYPE_U8)
+    } else if (dtype == LULL_DTYPE_U8) {
         memcpy(out, &narrow, sizeof narrow);
-    else
+    } else if (split) {
+        out[0] = out[1] = 0;
+        memcpy(out + split - 1, &narrow, sizeof narrow);
+    } else {
         memcpy(out, &wide, sizeof wide);
+    }
 }
 
 /* [output / lanes][length][output % lanes][group]; the same number of bytes for each dtype's group.
- */
-static void write_block(uint8_t *out, const block *b, unsigned lanes)
+ * Returns the end. */
+static uint8_t *write_block(uint8_t *out, const block *b, unsigned lanes, unsigned split)
 {
     unsigned elements = b->columns * b->inputs, together = group(b->dtype);
     unsigned length = lull_pack_length(b->dtype, elements);
@@ -105,7 +110,15 @@ static void write_block(uint8_t *out, const block *b, unsigned lanes)
         for (unsigned k = 0; k < length * together; k += together)
             for (unsigned o = first; o < first + lanes; o++)
                 for (unsigned i = k; i < k + together; i++, out += bytes)
-                    put(out, b->dtype, o < b->outputs && i < elements ? tap(b, o, i) : 0.0f);
+                    put(out, b->dtype, o < b->outputs && i < elements ? tap(b, o, i) : 0.0f,
+                        split);
+    return out;
+}
+
+/* 1 if a block's weights are stored twice (kernels.h). */
+static unsigned is_split(const block *b, const lull_kernels *kernels)
+{
+    return kernels->splits_wide && b->dtype == LULL_DTYPE_U15;
 }
 
 /* ---- Checks of integer models (docs/arithmetic.md)
@@ -218,15 +231,15 @@ static void fill_tables(lull_model *model)
 /* ---- Models
  * ----------------------------------------------------------------------------------------- */
 
-int lull_pack_is_int3(const lull_graph *graph, unsigned l)
+int lull_pack_is_int3(const lull_graph *graph, const lull_kernels *kernels, unsigned l)
 {
-    return graph->is_integer && graph->layer[l].outputs == 3;
+    return graph->is_integer && graph->layer[l].outputs == 3 && !kernels->splits_wide;
 }
 
 /* Outputs in a weight block of layer l. */
 static unsigned lanes_of(const lull_graph *graph, const lull_kernels *kernels, unsigned l)
 {
-    if (lull_pack_is_int3(graph, l))
+    if (lull_pack_is_int3(graph, kernels, l))
         return 1;
     return graph->is_integer ? kernels->block_int : kernels->block_f32;
 }
@@ -266,10 +279,10 @@ static void pack_winograd(lull_model *model, unsigned l, const lull_layer_tensor
 
 /* Lays out the blocks, bias and multipliers of layer l after `total` bytes; returns the new total.
  */
-static size_t layout(lull_packed_layer *packed, const lull_graph *graph, unsigned l, unsigned lanes,
-                     size_t total)
+static size_t layout(lull_packed_layer *packed, const lull_graph *graph, const lull_kernels *kernels,
+                     unsigned l, size_t total)
 {
-    size_t outputs = lull_align_up(graph->layer[l].outputs, lanes);
+    size_t outputs = lull_align_up(graph->layer[l].outputs, lanes_of(graph, kernels, l));
     lull_layer_tensors none;
     block b;
     memset(packed, 0, sizeof *packed);
@@ -281,7 +294,8 @@ static size_t layout(lull_packed_layer *packed, const lull_graph *graph, unsigne
     for (unsigned i = 0; i < LULL_PACK_BLOCKS; i++)
         if (describe(&b, graph, l, i, &none))
             packed->weights[i] =
-                lull_append(&total, outputs * 4 * lull_pack_length(b.dtype, b.columns * b.inputs));
+                lull_append(&total, (is_split(&b, kernels) + 1) * outputs * 4 *
+                                        lull_pack_length(b.dtype, b.columns * b.inputs));
     packed->bias = lull_append(&total, outputs * 4);
     if (graph->is_integer)
         packed->multiplier = lull_append(&total, outputs * 4);
@@ -303,8 +317,12 @@ static void pack_layer(lull_model *model, unsigned l, const lull_tza *tza)
     if (layer->is_winograd)
         pack_winograd(model, l, &tensors, lanes);
     for (unsigned i = 0; i < LULL_PACK_BLOCKS; i++)
-        if (describe(&b, &model->graph, l, i, &tensors))
-            write_block(base + packed->weights[i], &b, lanes);
+        if (describe(&b, &model->graph, l, i, &tensors)) {
+            unsigned split = is_split(&b, &model->kernels) ? 2 : 0;
+            uint8_t *end = write_block(base + packed->weights[i], &b, lanes, split);
+            if (split)
+                write_block(end, &b, lanes, 1);
+        }
     for (unsigned o = 0; o < lull_align_up(layer->outputs, lanes); o++) {
         int is_there = o < layer->outputs;
         unsigned at = layer->first + o;
@@ -334,7 +352,7 @@ static lull_status examine(lull_graph *graph, lull_kernels *kernels, size_t *byt
     lull_kernels_fill(kernels, ports);
     *bytes = lull_align_up(sizeof(lull_model), LULL_ALIGN);
     for (unsigned l = 0; l < graph->layers; l++)
-        *bytes = layout(&packed, graph, l, lanes_of(graph, kernels, l), *bytes);
+        *bytes = layout(&packed, graph, kernels, l, *bytes);
     return LULL_OK;
 }
 
@@ -370,8 +388,7 @@ lull_status lull_model_init(lull_model **model, void *memory, size_t memory_byte
     if (status == LULL_OK && memory_bytes < made->bytes)
         status = LULL_ERROR_MEMORY;
     for (unsigned l = 0; status == LULL_OK && l < made->graph.layers; l++) {
-        total = layout(&made->layer[l], &made->graph, l,
-                       lanes_of(&made->graph, &made->kernels, l), total);
+        total = layout(&made->layer[l], &made->graph, &made->kernels, l, total);
         if (made->graph.is_integer)
             status = check_integer(&made->layer[l], &made->graph, l, &tza);
         if (status == LULL_OK)

@@ -36,7 +36,7 @@ void lull_pack_winograd(float *out, const lull_tza_tensor *weight, unsigned outp
                         unsigned channels, unsigned offset, unsigned lanes, int is_up);
 
 /* 1 if layer l is one for conv_int3. */
-int lull_pack_is_int3(const lull_graph *graph, unsigned l);
+int lull_pack_is_int3(const lull_graph *graph, const lull_kernels *kernels, unsigned l);
 
 /* Length in a kernel's units of a run of elements: floats, or dwords of integers. */
 unsigned lull_pack_length(lull_dtype dtype, unsigned elements);

@@ -264,6 +264,7 @@ static bool commit(OIDNDevice device, lull_fault *fault)
     }
     values[lull_value_num_threads].i = (int)lull_pool_size(device->pool);
     values[lull_value_set_affinity].i = pin;
+    lull_ports_request();
     device->ports = allowed_ports(values[lull_value_verbose].i);
     device->committed = true;
     device->dirty = false;

@@ -7,7 +7,7 @@
 #   PORT_<GROUP>_FLAGS_<arch> the same, for one architecture only
 #
 # The macro LULL_WITH_<GROUP> is 1 where the group is built and 0 elsewhere.
-PORT_GROUPS := SCALAR AVX2 AVX512 AVXVNNI VNNI NEON DOTPROD I8MM
+PORT_GROUPS := SCALAR AVX2 AVX512 AVXVNNI VNNI AMX NEON DOTPROD I8MM
 
 PORT_SCALAR_ARCH := any
 PORT_SCALAR_SOURCES := ports/scalar/port_scalar.c ports/scalar/conv_f32_scalar.c \
@@ -34,6 +34,10 @@ PORT_AVXVNNI_SOURCES := ports/x86/port_avxvnni.c ports/x86/conv_int_avxvnni.c
 PORT_VNNI_ARCH := x86
 PORT_VNNI_FLAGS := -mavx512f -mavx512bw -mavx512vl -mavx512dq -mavx512vnni -mfma -mprefer-vector-width=512
 PORT_VNNI_SOURCES := ports/x86/port_vnni.c ports/x86/conv_int_vnni.c
+
+PORT_AMX_ARCH := x86
+PORT_AMX_FLAGS := -mavx512f -mavx512bw -mavx512vl -mavx512dq -mamx-tile -mamx-int8 -mfma -mprefer-vector-width=512
+PORT_AMX_SOURCES := ports/x86/port_amx.c ports/x86/conv_int_amx.c
 
 PORT_NEON_ARCH := arm64 arm32
 PORT_NEON_FLAGS_arm32 := -mfpu=neon

@@ -92,7 +92,7 @@ static void add_segment(lull_conv *conv, int is_integer, int is_wide, unsigned e
     row_bytes = ((size_t)PIXELS * step + (size_t)group * segment->length) * 4 / group;
     weight_bytes = lull_align_up(conv->outputs, block) * segment->length * 4;
     row = memory(row_bytes);
-    weights = memory(weight_bytes);
+    weights = memory(2 * weight_bytes); /* wide ones may be there twice */
     for (size_t i = 0; is_integer && i < row_bytes; i++)
         row[i] = (uint8_t)(i * 31 & (is_wide ? 0x7f : 0xff));
     for (size_t i = 0; is_integer && i < weight_bytes; i++)
@@ -181,7 +181,7 @@ static void bench_conv(const char *port, const lull_kernels *kernels, int is_int
                    median(speed) * 1e-9);
         }
     for (unsigned i = 0; i < sizeof layers / sizeof layers[0]; i++) {
-        int is_int3 = is_integer && layers[i].outputs == 3;
+        int is_int3 = is_integer && layers[i].outputs == 3 && !kernels->splits_wide;
         void (*kernel)(const lull_conv *) = is_int3      ? kernels->conv_int3
                                             : is_integer ? kernels->conv_int
                                                          : kernels->conv_f32;

@@ -183,12 +183,14 @@ void cases_make(cases_conv *c, int is_integer, cases_pattern pattern, unsigned o
             float_bias[o] = unit() * (pattern == CASES_PAIRS ? 1e3f : 1.0f);
 }
 
-static void pack_segment(cases_conv *c, unsigned s, unsigned block)
+static void pack_segment(cases_conv *c, unsigned s, unsigned block, int is_split)
 {
     lull_segment *segment = &c->conv.segment[s];
     unsigned group = !c->is_integer ? 1 : s < c->conv.wide ? 2 : 4;
     size_t whole = lull_align_up(c->conv.outputs, block), i = 0;
-    uint8_t *to = guard_place(GUARD_WEIGHTS + s, whole * segment->length * 4, c->at_end);
+    size_t bytes = whole * segment->length * 4;
+    int is_twice = is_split && group == 2;
+    uint8_t *to = guard_place(GUARD_WEIGHTS + s, is_twice ? 2 * bytes : bytes, c->at_end);
     segment->weights = to;
     for (size_t first = 0; first < whole; first += block)
         for (unsigned k = 0; k < segment->length; k++)
@@ -198,6 +200,11 @@ static void pack_segment(cases_conv *c, unsigned s, unsigned block)
                                   ? cases_weight(s, (unsigned)o, e)
                                   : 0.0f;
                     int16_t wide = (int16_t)w;
+                    if (is_twice) { /* on a little-endian CPU */
+                        wide = (int16_t)(uint8_t)(int8_t)w;
+                        memcpy(to + bytes + 2 * i, &wide, 2);
+                        wide = (int16_t)(uint16_t)((uint16_t)wide << 8);
+                    }
                     if (group == 1)
                         memcpy(to + 4 * i, &w, 4);
                     else if (group == 2)
@@ -207,13 +214,13 @@ static void pack_segment(cases_conv *c, unsigned s, unsigned block)
                 }
 }
 
-void cases_pack(cases_conv *c, unsigned block)
+void cases_pack(cases_conv *c, unsigned block, int is_split)
 {
     size_t whole = lull_align_up(c->conv.outputs, block), used = c->conv.outputs * (size_t)4;
     uint8_t *bias = guard_place(GUARD_BIAS, whole * 4, c->at_end);
     uint8_t *scale = guard_place(GUARD_MULTIPLIER, whole * 4, c->at_end);
     for (unsigned s = 0; s < c->conv.segments; s++)
-        pack_segment(c, s, block);
+        pack_segment(c, s, block, is_split);
     memset(bias, 0, whole * 4);
     memset(scale, 0, whole * 4);
     memcpy(bias, c->is_integer ? (void *)int_bias : (void *)float_bias, used);

@@ -30,8 +30,9 @@ typedef struct cases_conv {
 void cases_make(cases_conv *c, int is_integer, cases_pattern pattern, unsigned outputs,
                 unsigned pixels);
 
-/* Sets weights, bias and multiplier in the layout for blocks of `block` outputs. */
-void cases_pack(cases_conv *c, unsigned block);
+/* Sets weights, bias and multiplier in the layout for blocks of `block` outputs; is_split: as for a
+ * table with splits_wide. */
+void cases_pack(cases_conv *c, unsigned block, int is_split);
 
 /* Weight of output o on element e of segment s. */
 float cases_weight(unsigned s, unsigned o, unsigned e);

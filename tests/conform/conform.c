@@ -69,7 +69,8 @@ static void run_conv(const lull_kernels *kernels, cases_conv *c, void *out)
 {
     memcpy(out, before, cases_out_bytes(c));
     c->conv.out = out;
-    cases_pack(c, now.is_int3 ? 1 : c->is_integer ? kernels->block_int : kernels->block_f32);
+    cases_pack(c, now.is_int3 ? 1 : c->is_integer ? kernels->block_int : kernels->block_f32,
+               !now.is_int3 && kernels->splits_wide);
     if (now.is_int3)
         kernels->conv_int3(&c->conv);
     else if (c->is_integer)
@@ -453,7 +454,7 @@ static void cpu_flags(char *to, size_t bytes)
 {
     static const char *const known[] = {
         "ssse3", "avx2", "fma", "avx512f", "avx512bw", "avx512vl", "avx512dq", "avx512_vnni",
-        "avx_vnni", "neon", "asimd", "asimddp", "i8mm"};
+        "avx_vnni", "amx_int8", "neon", "asimd", "asimddp", "i8mm"};
     char flags[4096];
     size_t n = 0;
     cpu_line("flags", flags, sizeof flags);

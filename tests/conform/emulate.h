@@ -22,6 +22,8 @@
 #define LULL_WITH_AVX512 1
 #define LULL_WITH_AVXVNNI 1
 #define LULL_WITH_VNNI 1
+#undef LULL_WITH_AMX
+#define LULL_WITH_AMX 0 /* SIMDe has no tiles */
 
 /* Names of their own: the library may hold the real ports. */
 #define lull_port_avx2 emulated_port_avx2

@@ -23,7 +23,7 @@ static const struct {
 
 int main(int argc, char **argv)
 {
-    uint32_t available = lull_cpu_ports();
+    uint32_t available = (lull_cpu_request(), lull_cpu_ports());
     unsigned count = sizeof ports / sizeof ports[0];
     int rows = argc > 1 && strcmp(argv[1], "--row") == 0;
     if (argc > 1 && strcmp(argv[1], "--bench") == 0)

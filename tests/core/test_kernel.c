@@ -163,6 +163,7 @@ static void equals_the_reference(void)
 int main(int argc, char **argv)
 {
     CHECK_MAIN(argc, argv);
+    lull_ports_request();
     RUN(equals_the_reference);
     return check_report();
 }

@@ -223,6 +223,7 @@ static void integer_networks(void)
 int main(int argc, char **argv)
 {
     CHECK_MAIN(argc, argv);
+    lull_ports_request();
     RUN(float_networks);
     RUN(integer_networks);
     return check_report();

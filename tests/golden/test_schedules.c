@@ -110,6 +110,7 @@ static void same_bytes_everywhere(void)
 int main(int argc, char **argv)
 {
     CHECK_MAIN(argc, argv);
+    lull_ports_request();
     RUN(same_bytes_everywhere);
     return check_report();
 }

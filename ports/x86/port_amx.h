@@ -1,0 +1,13 @@
+#ifndef LULL_PORT_AMX_H
+#define LULL_PORT_AMX_H
+
+#include "intrinsics.h"
+#include "kernels.h"
+
+#if !defined(__AVX512BW__) || !defined(__AVX512VL__)
+#error "this file is compiled with -mamx-tile -mamx-int8 and AVX-512"
+#endif
+
+void lull_conv_int_amx(const lull_conv *conv);
+
+#endif
