@@ -60,8 +60,8 @@ LULL_INLINE float nearest(float t)
 LULL_INLINE float exp2m1_part(float r)
 {
     float s = r * r;
-    float p = (0.000154035123298f * r + 0.00133908498473f) * s
-              + (0.00961823792896f * r + 0.0555035721998f);
+    float p = (0.000154035123298f * r + 0.00133908498473f) * s +
+              (0.00961823792896f * r + 0.0555035721998f);
     return (p * s + (0.240226497895f * r + 0.693147187971f)) * r;
 }
 
@@ -128,8 +128,8 @@ LULL_INLINE float pu_forward(float y)
     lull_logarithm l = lull_log2_parts(choose(above, choose(upper, v + PU_F, v), PU_Y0));
     float n = nearest((PU_C_HIGH + PU_C_LOW) * (l.whole + l.part));
     float r = (PU_C_HIGH * l.whole - n) + (PU_C_LOW * l.whole + (PU_C_HIGH + PU_C_LOW) * l.part);
-    float middle = (0.52499815834241f * (1.0f + exp2m1_part(r))) * power_of_two((int32_t)n)
-                   - 0.00093820874307323f; /* bN, dN */
+    float middle = (0.52499815834241f * (1.0f + exp2m1_part(r))) * power_of_two((int32_t)n) -
+                   0.00093820874307323f;                                      /* bN, dN */
     float high = 0.042593936086398f * (l.whole + l.part) + 0.31852702898491f; /* e ln(2) N, gN */
     return choose(above, choose(upper, high, middle), 450.6488059461f * v);   /* aN */
 }
@@ -147,7 +147,7 @@ LULL_INLINE float pu_inverse(float x)
     float n_high = nearest((k_high + k_low) * v - (g_high + g_low));
     float r_high = ((k_high * head - n_high) - g_high) + ((k_high * tail + k_low * v) - g_low);
     lull_logarithm l = lull_log2_parts(1.9047685865362f * v + 0.0017870705414195f); /* X/b, -d/b */
-    const float p_high = 0x1.28ap+1f, p_low = 0x1.7fe206p-11f;            /* 1/c in two parts */
+    const float p_high = 0x1.28ap+1f, p_low = 0x1.7fe206p-11f; /* 1/c in two parts */
     float n_middle = nearest((p_high + p_low) * (l.whole + l.part));
     float r_middle = (p_high * l.whole - n_middle) + (p_low * l.whole + (p_high + p_low) * l.part);
     float n = choose(upper, n_high, n_middle);
@@ -164,8 +164,8 @@ LULL_INLINE float log_forward(float y)
     float u = 1.0f + v;
     float lost = v - (u - 1.0f);
     lull_logarithm l = lull_log2_parts(u);
-    return flush_output(0.062502666475519f * (l.whole + l.part)      /* ln(2) N */
-                        + (lost * 0.090172286966568f) / u);          /* N */
+    return flush_output(0.062502666475519f * (l.whole + l.part) /* ln(2) N */
+                        + (lost * 0.090172286966568f) / u);     /* N */
 }
 
 /* 2^(K x) - 1 with K = ln(65505) / ln(2) = 16 - 0.000682588611; up to 2^-30 ln(65505) x, where the
@@ -207,24 +207,24 @@ LULL_INLINE void range_block(float *values, float low, float high, float scale)
 }
 
 /* A block of values to network values by one curve, and back by another. */
-#define CURVE_IN(name)                                             \
-    static void name##_in(float *values, const lull_curve *curve)  \
-    {                                                              \
-        sanitize_block(values, curve->scale, curve->low, curve->high); \
-        if (curve->is_signed)                                      \
-            scale_block(values, 0.5f, 0.5f);                       \
-        for (unsigned i = 0; i < BLOCK; i++)                       \
-            values[i] = name(values[i]);                           \
+#define CURVE_IN(name)                                                                             \
+    static void name##_in(float *values, const lull_curve *curve)                                  \
+    {                                                                                              \
+        sanitize_block(values, curve->scale, curve->low, curve->high);                             \
+        if (curve->is_signed)                                                                      \
+            scale_block(values, 0.5f, 0.5f);                                                       \
+        for (unsigned i = 0; i < BLOCK; i++)                                                       \
+            values[i] = name(values[i]);                                                           \
     }
-#define CURVE_OUT(name)                                            \
-    static void name##_out(float *values, const lull_curve *curve) \
-    {                                                              \
-        sanitize_block(values, 1.0f, 0.0f, FLT_MAX);               \
-        for (unsigned i = 0; i < BLOCK; i++)                       \
-            values[i] = name(values[i]);                           \
-        if (curve->is_signed)                                      \
-            scale_block(values, 2.0f, -1.0f);                      \
-        range_block(values, curve->low, curve->high, curve->scale); \
+#define CURVE_OUT(name)                                                                            \
+    static void name##_out(float *values, const lull_curve *curve)                                 \
+    {                                                                                              \
+        sanitize_block(values, 1.0f, 0.0f, FLT_MAX);                                               \
+        for (unsigned i = 0; i < BLOCK; i++)                                                       \
+            values[i] = name(values[i]);                                                           \
+        if (curve->is_signed)                                                                      \
+            scale_block(values, 2.0f, -1.0f);                                                      \
+        range_block(values, curve->low, curve->high, curve->scale);                                \
     }
 
 CURVE_IN(linear)

@@ -73,8 +73,8 @@ const char *lull_status_text(lull_status status);
 uint32_t lull_ports_available(void);
 
 /* Asks the operating system for registers that it keeps back until a process asks: the tiles of AMX
- * on Linux. The ports that need them are available afterwards, if it agrees. For the whole process and
- * for good; the library never does it by itself. */
+ * on Linux. The ports that need them are available afterwards, if it agrees. For the whole process
+ * and for good; the core never does it by itself. */
 void lull_ports_request(void);
 
 /* Name ("scalar", "avx2", ...) of bit number `index`, or NULL past the last one. */

@@ -279,8 +279,8 @@ static void pack_winograd(lull_model *model, unsigned l, const lull_layer_tensor
 
 /* Lays out the blocks, bias and multipliers of layer l after `total` bytes; returns the new total.
  */
-static size_t layout(lull_packed_layer *packed, const lull_graph *graph, const lull_kernels *kernels,
-                     unsigned l, size_t total)
+static size_t layout(lull_packed_layer *packed, const lull_graph *graph,
+                     const lull_kernels *kernels, unsigned l, size_t total)
 {
     size_t outputs = lull_align_up(graph->layer[l].outputs, lanes_of(graph, kernels, l));
     lull_layer_tensors none;

@@ -1,8 +1,8 @@
 /* Integer convolution with AMX. A tile of sums is 12 pixels by 16 outputs: up to 16 dwords of the
  * runs of 12 pixels (one row each, a step apart) by as many rows of a weight block, which has just
  * that layout. The bytes of wide elements are multiplied apart and have tiles of sums of their own.
- * Vectors cannot read tiles: sums pass through a buffer (12 pixels, not 16, keep it small), while the
- * next tiles are multiplied. */
+ * Vectors cannot read tiles: sums pass through a buffer (12 pixels, not 16, keep it small), while
+ * the next tiles are multiplied. */
 #include "port_amx.h"
 
 #if defined(__x86_64__)
@@ -11,8 +11,8 @@
 #define ROWS 12u   /* pixels of a tile */
 #define DWORDS 16u /* of runs, at most */
 
-/* Tiles: sums 0 to 3; of runs 4 with weights 5, and, for segments cut into pieces of another length,
- * 6 with 7. */
+/* Tiles: sums 0 to 3; of runs 4 with weights 5, and, for segments cut into pieces of another
+ * length, 6 with 7. */
 typedef struct tile_config {
     uint8_t palette, start, reserved[14];
     uint16_t bytes[16]; /* of a row */
@@ -20,9 +20,9 @@ typedef struct tile_config {
 } tile_config;
 
 typedef struct amx_part {
-    const uint8_t *x, *w; /* the run of pixel 0, the weights of the first 16 outputs */
-    size_t step, block;   /* bytes from pixel to pixel, and from 16 outputs to the next */
-    size_t low;           /* from wide weights for high bytes to those for low bytes */
+    const uint8_t *x, *w;    /* the run of pixel 0, the weights of the first 16 outputs */
+    size_t step, block;      /* bytes from pixel to pixel, and from 16 outputs to the next */
+    size_t low;              /* from wide weights for high bytes to those for low bytes */
     unsigned pieces, dwords; /* the run is cut into so many pieces of so many dwords */
     unsigned is_other;       /* piece length is the second one */
 } amx_part;
@@ -78,54 +78,54 @@ static void describe(amx_conv *a, const lull_conv *conv)
     _tile_loadconfig(&config);
 }
 
-/* One piece after the other of a part: narrow ones of two tiles of pixels, from x and from y on; wide
- * ones, the high bytes into tile 0 and the low bytes into tile 1, or of two tiles, also into 2 and
- * 3. */
-#define NARROW(X, W, SUM0, SUM1)                                            \
-    for (unsigned k = part->pieces; k; k--, x += bytes, y += bytes, w += 16 * bytes) { \
-        _tile_loadd(W, w, 64);                                              \
-        _tile_loadd(X, x, part->step);                                      \
-        _tile_dpbusd(SUM0, X, W);                                           \
-        _tile_loadd(X, y, part->step);                                      \
-        _tile_dpbusd(SUM1, X, W);                                           \
+/* One piece after the other of a part: narrow ones of two tiles of pixels, from x and from y on;
+ * wide ones, the high bytes into tile 0 and the low bytes into tile 1, or of two tiles, also into 2
+ * and 3. */
+#define NARROW(X, W, SUM0, SUM1)                                                                   \
+    for (unsigned k = part->pieces; k; k--, x += bytes, y += bytes, w += 16 * bytes) {             \
+        _tile_loadd(W, w, 64);                                                                     \
+        _tile_loadd(X, x, part->step);                                                             \
+        _tile_dpbusd(SUM0, X, W);                                                                  \
+        _tile_loadd(X, y, part->step);                                                             \
+        _tile_dpbusd(SUM1, X, W);                                                                  \
     }
-#define WIDE(X, W)                                                                      \
-    for (unsigned k = part->pieces; k; k--, x += bytes, w += 16 * bytes) {              \
-        _tile_loadd(W, w, 64);                                                          \
-        _tile_loadd(X, x, part->step);                                                  \
-        _tile_dpbusd(0, X, W);                                                          \
-        _tile_loadd(W, w + low, 64);                                                    \
-        _tile_dpbusd(1, X, W);                                                          \
+#define WIDE(X, W)                                                                                 \
+    for (unsigned k = part->pieces; k; k--, x += bytes, w += 16 * bytes) {                         \
+        _tile_loadd(W, w, 64);                                                                     \
+        _tile_loadd(X, x, part->step);                                                             \
+        _tile_dpbusd(0, X, W);                                                                     \
+        _tile_loadd(W, w + low, 64);                                                               \
+        _tile_dpbusd(1, X, W);                                                                     \
     }
-#define WIDE_TWO(X, W)                                                                  \
-    for (unsigned k = part->pieces; k; k--, x += bytes, y += bytes, w += 16 * bytes) {  \
-        _tile_loadd(W, w, 64);                                                          \
-        _tile_loadd(X, x, part->step);                                                  \
-        _tile_dpbusd(0, X, W);                                                          \
-        _tile_loadd(X, y, part->step);                                                  \
-        _tile_dpbusd(2, X, W);                                                          \
-        _tile_loadd(W, w + low, 64);                                                    \
-        _tile_dpbusd(3, X, W);                                                          \
-        _tile_loadd(X, x, part->step);                                                  \
-        _tile_dpbusd(1, X, W);                                                          \
+#define WIDE_TWO(X, W)                                                                             \
+    for (unsigned k = part->pieces; k; k--, x += bytes, y += bytes, w += 16 * bytes) {             \
+        _tile_loadd(W, w, 64);                                                                     \
+        _tile_loadd(X, x, part->step);                                                             \
+        _tile_dpbusd(0, X, W);                                                                     \
+        _tile_loadd(X, y, part->step);                                                             \
+        _tile_dpbusd(2, X, W);                                                                     \
+        _tile_loadd(W, w + low, 64);                                                               \
+        _tile_dpbusd(3, X, W);                                                                     \
+        _tile_loadd(X, x, part->step);                                                             \
+        _tile_dpbusd(1, X, W);                                                                     \
     }
 
 /* The sums of a group of outputs at the pixels from p and from q on, in two tiles. */
-#define MULTIPLY_NARROW(name, SUM0, SUM1)                                                      \
-    static void name(const amx_part *part, const amx_part *end, const int32_t *bias,           \
-                     unsigned group, unsigned p, unsigned q)                                   \
-    {                                                                                          \
-        _tile_loadd(SUM0, bias, 0);                                                            \
-        _tile_loadd(SUM1, bias, 0);                                                            \
-        for (; part < end; part++) {                                                           \
-            const uint8_t *x = part->x + p * part->step, *y = part->x + q * part->step;        \
-            const uint8_t *w = part->w + group * part->block;                                  \
-            size_t bytes = 4 * (size_t)part->dwords;                                           \
-            if (part->is_other)                                                                \
-                NARROW(6, 7, SUM0, SUM1)                                                       \
-            else                                                                               \
-                NARROW(4, 5, SUM0, SUM1)                                                       \
-        }                                                                                      \
+#define MULTIPLY_NARROW(name, SUM0, SUM1)                                                          \
+    static void name(const amx_part *part, const amx_part *end, const int32_t *bias,               \
+                     unsigned group, unsigned p, unsigned q)                                       \
+    {                                                                                              \
+        _tile_loadd(SUM0, bias, 0);                                                                \
+        _tile_loadd(SUM1, bias, 0);                                                                \
+        for (; part < end; part++) {                                                               \
+            const uint8_t *x = part->x + p * part->step, *y = part->x + q * part->step;            \
+            const uint8_t *w = part->w + group * part->block;                                      \
+            size_t bytes = 4 * (size_t)part->dwords;                                               \
+            if (part->is_other)                                                                    \
+                NARROW(6, 7, SUM0, SUM1)                                                           \
+            else                                                                                   \
+                NARROW(4, 5, SUM0, SUM1)                                                           \
+        }                                                                                          \
     }
 
 MULTIPLY_NARROW(multiply_even, 0, 1)
@@ -176,7 +176,8 @@ LULL_INLINE void store_tile(int32_t *sums, unsigned tile)
         _tile_stored(3, sums, 64);
 }
 
-/* Sums of a tile in buffers: of narrow parts with the bias, or of wide parts, low and high bytes. */
+/* Sums of a tile in buffers: of narrow parts with the bias, or of wide parts, low and high bytes.
+ */
 typedef struct amx_sums {
     const int32_t *narrow, *low, *high; /* narrow or the others may be NULL */
     vec half, bias;
@@ -253,8 +254,8 @@ static void finish_mixed(finish *f, const tile_row *row, unsigned tile, unsigned
     finish_wide(f, row, narrow, 0, p, rows);
 }
 
-/* The pixels of a group of outputs, where all parts are narrow: two tiles at a time, in turn with the
- * other two. */
+/* The pixels of a group of outputs, where all parts are narrow: two tiles at a time, in turn with
+ * the other two. */
 static void run_narrow(const amx_conv *a, const tile_row *row, finish *f)
 {
     const lull_conv *conv = row->conv;
@@ -306,9 +307,7 @@ static LULL_NOINLINE void run_group(const amx_conv *a, const tile_row *row)
     const lull_conv *conv = row->conv;
     finish f;
     finish_init(&f, row, 1, conv->is_small && conv->out_max <= 255);
-    (!conv->wide                     ? run_narrow
-     : conv->wide == conv->segments ? run_wide
-                                    : run_mixed)(a, row, &f);
+    (!conv->wide ? run_narrow : conv->wide == conv->segments ? run_wide : run_mixed)(a, row, &f);
 }
 
 void lull_conv_int_amx(const lull_conv *conv)
