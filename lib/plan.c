@@ -99,7 +99,7 @@ unsigned lull_plan_turn(const lull_plan *plan, unsigned l)
     const lull_layer *layer = &graph->layer[l];
     unsigned all = plan->height >> layer->level, ready = all;
     unsigned rows = lull_layer_rows(layer), done = plan->done[l + 1];
-    if (is_ahead(plan, l + 1))
+    if (graph->family == LULL_FAMILY_U && is_ahead(plan, l + 1))
         return done;
     for (unsigned s = 0; s < LULL_MAX_SOURCES && layer->source[s] != LULL_TENSOR_NONE; s++)
         ready = lull_min_u(
