@@ -138,8 +138,8 @@ static void run_one(const run_case *c, const void *weights, size_t bytes, uint32
         CHECK_EQ(lull_run(plan, &images, &host), LULL_OK);
     }
     if (!CHECK(memcmp(images.output.data, expected, VALUES * sizeof *out) == 0))
-        printf("  ports %x, %u threads, row step %u, strips of %u%s%s\n", (unsigned)ports, variant[0],
-               variant[1], variant[2], variant[3] ? ", in place" : "",
+        printf("  ports %x, %u threads, row step %u, strips of %u%s%s\n", (unsigned)ports,
+               variant[0], variant[1], variant[2], variant[3] ? ", in place" : "",
                variant[4] ? ", streamed" : "");
     free(plan_memory);
     free(model_memory);
