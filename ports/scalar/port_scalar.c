@@ -5,6 +5,7 @@ void lull_port_scalar(lull_kernels *kernels)
 {
     kernels->block_f32 = LULL_SCALAR_BLOCK;
     kernels->block_int = LULL_SCALAR_BLOCK;
+    kernels->splits_wide = 0;
     kernels->conv_f32 = lull_conv_f32_scalar;
     kernels->winograd_in = lull_winograd_in_scalar;
     kernels->winograd_out = lull_winograd_out_scalar;
