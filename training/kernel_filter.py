@@ -33,6 +33,24 @@ class Round(torch.autograd.Function):
         return g
 
 
+class Clamp(torch.autograd.Function):
+    """Clamps to [low, high]. Beyond them the gradient passes only if following it leads back: with
+    none at all a channel that once left them would stay there."""
+
+    @staticmethod
+    def forward(ctx, x: Tensor, low: float, high: float) -> Tensor:
+        ctx.save_for_backward(x)
+        ctx.range = low, high
+        return x.clamp(low, high)
+
+    @staticmethod
+    def backward(ctx, g: Tensor):
+        x, = ctx.saved_tensors
+        low, high = ctx.range
+        away = ((x < low) & (g > 0)) | ((x > high) & (g < 0))
+        return g.masked_fill(away, 0.0), None, None
+
+
 class Fused(torch.autograd.Function):
     """`plain` in C++; no gradients of the images."""
 
@@ -100,11 +118,8 @@ def plain(heads: list[Tensor], radiance: Tensor, albedo: Tensor, has_albedo: Ten
 
 
 def split_codes(q: Tensor, counts: list[int], whole: bool = True) -> tuple[Tensor, ...]:
-    """q [N,C,H,W] as whole codes of 0..255 over STEP, in parts of counts[i] channels.
-
-    The gradient is zero where a code was clamped.
-    """
-    codes = (q * STEP).clamp(0.0, 255.0)
+    """q [N,C,H,W] as whole codes of 0..255 over STEP, in parts of counts[i] channels."""
+    codes = Clamp.apply(q * STEP, 0.0, 255.0)
     return torch.split((Round.apply(codes) if whole else codes) / STEP, counts, 1)
 
 

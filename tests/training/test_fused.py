@@ -49,11 +49,12 @@ def test_compiled_operations_are_shared_by_checkouts(tmp_path, monkeypatch):
     assert fused._cache_folder() != folder
 
 
-def random_filter(n: int, h: int, w: int, kind: torch.dtype = torch.float):
-    """(radiance, albedo, has_albedo), heads with codes on both sides of 0 and 255."""
+def random_filter(n: int, h: int, w: int, kind: torch.dtype = torch.float, inside: bool = False):
+    """(radiance, albedo, has_albedo), heads with codes on both sides of 0 and 255, or between."""
     torch.manual_seed(h * w)
-    heads = [(torch.randn(n, c, -(-h >> s), -(-w >> s), dtype=kind) * 4 + 8).requires_grad_()
+    heads = [torch.randn(n, c, -(-h >> s), -(-w >> s), dtype=kind) * 4 + 8
              for s, c in enumerate(kernel_net.HEAD_WIDTHS)]
+    heads = [(q.clamp(0.1, 15.8) if inside else q).requires_grad_() for q in heads]
     kind = torch.double if kind == torch.double else torch.float
     images = [torch.rand(n, 3, h, w, dtype=kind) * 3 - 0.1, torch.rand(n, 3, h, w, dtype=kind),
               (torch.rand(n, 1, h, w, dtype=kind) > 0.4).to(kind)]
@@ -61,7 +62,7 @@ def random_filter(n: int, h: int, w: int, kind: torch.dtype = torch.float):
 
 
 def test_gradient_of_the_filter():
-    images, heads = random_filter(1, 6, 9, torch.double)
+    images, heads = random_filter(1, 6, 9, torch.double, inside=True)
     assert torch.autograd.gradcheck(
         lambda *q: kernel_filter.Fused.apply(*images, False, *q), heads)
 
@@ -79,10 +80,27 @@ def test_filter(both, n, h, w, kind):
     (out, grads), (plain, plain_grads) = both(run)
     assert type(out.grad_fn).__name__ == "FusedBackward"
     torch.testing.assert_close(out, plain, rtol=1e-5, atol=1e-5)
-    for q, a, b in zip(heads, grads, plain_grads):
+    for a, b in zip(grads, plain_grads):
         close(a, b, 2e-5 if kind == torch.float else 0.02)
-        clamped = (q < 0) | (q * 16 > 255)
-        assert clamped.any() and (a[clamped] == 0).all()
+    q, a = (torch.cat([t.flatten() for t in ts]) for ts in (heads, grads))
+    low, high = a[q < 0], a[q * 16 > 255]  # from there the gradient only leads back
+    assert (low <= 0).all() and (high >= 0).all()
+    assert (low < 0).any() and (high > 0).any() and (low == 0).any() and (high == 0).any()
+
+
+def test_a_blend_that_left_its_range_comes_back():
+    """Codes below 0 blend in no coarser level; where that is wrong they must be able to learn so. A
+    network of 32000 steps had lost its two coarsest levels that way."""
+    images, heads = random_filter(1, 16, 16)
+    target = kernel_filter.apply_filter(heads, *images).detach()
+    with torch.no_grad():
+        heads[2][:, 26] = -3.0
+    for _ in range(200):
+        loss = (kernel_filter.apply_filter(heads, *images) - target).abs().mean()
+        g, = torch.autograd.grad(loss, heads[2])
+        with torch.no_grad():
+            heads[2][:, 26] -= 0.1 * g[:, 26].sign()
+    assert (heads[2][:, 26] > 0).any()
 
 
 def test_numbers_that_are_none_come_through(both):

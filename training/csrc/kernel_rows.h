@@ -79,11 +79,12 @@ template <typename T> struct Codes {
         }
         return fast_exp(v / step);
     }
-    // The gradient g of a channel passes where its code was not clamped.
+    // The gradient g of a channel passes where its code was not clamped, or where following it
+    // brings the code back.
     template <typename V> V passed(V q, V g) const
     {
-        const V v = q * step;
-        return v < 0 ? V() : v > 255 ? V() : g;
+        const V v = q * step, none = V();
+        return v < 0 ? (g < 0 ? g : none) : v > 255 ? (g > 0 ? g : none) : g;
     }
 
     // Kernel weights of a row of w pixels, from the first of their logits to planar rows.
