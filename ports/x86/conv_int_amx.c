@@ -5,7 +5,7 @@
  * the next tiles are multiplied. */
 #include "port_amx.h"
 
-#if defined(__x86_64__)
+#if LULL_HAS_TILES
 #include "finish_512.h"
 
 #define ROWS 12u   /* pixels of a tile */

@@ -1,9 +1,9 @@
-/* AMX: products of whole tiles of bytes. Only in 64-bit programs. */
+/* AMX: products of whole tiles of bytes. */
 #include "port_amx.h"
 
 void lull_port_amx(lull_kernels *kernels)
 {
-#if defined(__x86_64__)
+#if LULL_HAS_TILES
     kernels->block_int = 16;
     kernels->splits_wide = 1;
     kernels->conv_int = lull_conv_int_amx;
