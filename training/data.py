@@ -144,12 +144,11 @@ class Batches:
                rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
         """One augmented tile, [C,t,t] fp32 input and [Cm,t,t] target."""
         picture = self.pictures[pair[0]]
-        t, h, w = self.tile, *picture.target.shape[:2]
+        t = self.tile
         short = [int(rng.integers(0, BORDER_MAX + 1)) if rng.random() < BORDER_P else 0
                  for _ in range(2)]
         th, tw = t - short[0], t - short[1]
-        y0, x0 = int(rng.integers(0, h - th + 1)), int(rng.integers(0, w - tw + 1))
-        cut = np.s_[y0:y0 + th, x0:x0 + tw]
+        cut = random_cut(picture.target, th, tw, rng)
         x, y, clipped = self.light(picture, pair[1], cut, rng)
         x, y = shuffle(x, y, self.features, self.main, rng, self.augment.signs)
         if x.shape[-1] > y.shape[-1] and rng.random() < BLACK_P:
@@ -220,8 +219,7 @@ class Batches:
         h, w, m = *y.shape[:2], self.main_channels
         i, k = self.pairs[int(rng.integers(len(self.pairs)))]
         other = self.pictures[i]
-        y0, x0 = (int(rng.integers(0, n - t + 1)) for n, t in zip(other.target.shape, (h, w)))
-        cut = np.s_[y0:y0 + h, x0:x0 + w]
+        cut = random_cut(other.target, h, w, rng)
         codes, target = other.inputs[k][cut], other.target[cut]
         features = target if self.clean_aux or clean and target.shape[-1] > m else codes
         gain = np.float32(2.0 ** rng.uniform(-3, 3))
@@ -240,23 +238,27 @@ class Batches:
         """Radiance, features and target times a texture, of waves or of another picture's albedo;
         the albedo too, unless it is a shadow."""
         h, w, m = *y.shape[:2], self.main_channels
-        seen = true = None
-        if "alb" in self.features and rng.random() < 0.4:
+        has_albedo, seen, true = "alb" in self.features, None, None
+        at = 3 * self.features[1:].index("alb") if has_albedo else 0  # among the features
+        if has_albedo and rng.random() < 0.4:
             other = self.pictures[int(rng.integers(len(self.pictures)))].target
-            at = m + 3 * self.features[1:].index("alb")
             if other.shape[-1] > m:
-                y0, x0 = (int(rng.integers(0, n - s + 1)) for n, s in zip(other.shape, (h, w)))
-                albedo = other[y0:y0 + h, x0:x0 + w, at:at + 3].astype(np.float32)
-                seen = true = np.maximum(albedo, DARKEST)
+                albedo = other[random_cut(other, h, w, rng)][..., m + at:m + at + 3]
+                seen = true = np.maximum(albedo.astype(np.float32), DARKEST)
         if true is None:
             seen, true = texture(h, w, spp, rng)
         if rng.random() < SHADOW_P:
             seen = true = true.mean(-1, keepdims=True)
-        elif "alb" in self.features:
-            at = 3 * self.features[1:].index("alb")
+        elif has_albedo:
             aux = aux.astype(np.float32)
             aux[..., at:at + 3] *= seen
         return x * seen, aux, y * true
+
+
+def random_cut(image: np.ndarray, h: int, w: int, rng: np.random.Generator) -> tuple[slice, slice]:
+    """Where h x w pixels of an image [H,W,C] lie."""
+    y, x = (int(rng.integers(0, n - t + 1)) for n, t in zip(image.shape, (h, w)))
+    return np.s_[y:y + h, x:x + w]
 
 
 def shuffle(x: np.ndarray, y: np.ndarray, features: list[str], main: str, rng: np.random.Generator,

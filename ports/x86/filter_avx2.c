@@ -148,30 +148,16 @@ LULL_INLINE vec look_up(const float *table, const uint8_t *q, unsigned n)
 }
 
 /* 16 bytes at q of pixels j and j + 4, each not beyond pixel n - 1. */
-LULL_INLINE ivec two_rows(const uint8_t *q, size_t step, unsigned j, unsigned n)
+LULL_INLINE ivec pixels_from(const uint8_t *q, size_t step, unsigned j, unsigned n)
 {
 #define ROW(j) _mm_loadu_si128((const __m128i *)(const void *)(q + lull_min_u(j, n - 1) * step))
     return _mm256_inserti128_si256(_mm256_castsi128_si256(ROW(j)), ROW(j + 4), 1);
 #undef ROW
 }
 
-LULL_INLINE void tap_codes(ivec *taps, const uint8_t *q, size_t step, unsigned n)
-{
-    ivec a = two_rows(q, step, 0, n), b = two_rows(q, step, 1, n);
-    ivec c = two_rows(q, step, 2, n), d = two_rows(q, step, 3, n);
-    ivec ab = _mm256_unpacklo_epi32(a, b), cd = _mm256_unpacklo_epi32(c, d);
-    taps[0] = _mm256_unpacklo_epi64(ab, cd);
-    taps[1] = _mm256_unpackhi_epi64(ab, cd);
-    ab = _mm256_unpackhi_epi32(a, b), cd = _mm256_unpackhi_epi32(c, d);
-    taps[2] = _mm256_unpacklo_epi64(ab, cd);
-    taps[3] = _mm256_unpackhi_epi64(ab, cd);
-    q += 9;
-    a = two_rows(q, step, 0, n), b = two_rows(q, step, 1, n);
-    c = two_rows(q, step, 2, n), d = two_rows(q, step, 3, n);
-    taps[4] = _mm256_unpackhi_epi64(_mm256_unpacklo_epi32(a, b), _mm256_unpacklo_epi32(c, d));
-    ab = _mm256_unpackhi_epi32(a, b), cd = _mm256_unpackhi_epi32(c, d);
-    taps[5] = _mm256_unpacklo_epi64(ab, cd);
-    taps[6] = _mm256_unpackhi_epi64(ab, cd);
-}
+LULL_INLINE ivec low32(ivec a, ivec b) { return _mm256_unpacklo_epi32(a, b); }
+LULL_INLINE ivec high32(ivec a, ivec b) { return _mm256_unpackhi_epi32(a, b); }
+LULL_INLINE ivec low64(ivec a, ivec b) { return _mm256_unpacklo_epi64(a, b); }
+LULL_INLINE ivec high64(ivec a, ivec b) { return _mm256_unpackhi_epi64(a, b); }
 
 #include "filter_rows.h"

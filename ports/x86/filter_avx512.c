@@ -136,7 +136,7 @@ LULL_INLINE vec look_up(const float *table, const uint8_t *q, unsigned n)
 }
 
 /* 16 bytes at q of pixels j, j + 4, j + 8 and j + 12, each not beyond pixel n - 1. */
-LULL_INLINE ivec four_rows(const uint8_t *q, size_t step, unsigned j, unsigned n)
+LULL_INLINE ivec pixels_from(const uint8_t *q, size_t step, unsigned j, unsigned n)
 {
 #define ROW(j) _mm_loadu_si128((const __m128i *)(const void *)(q + lull_min_u(j, n - 1) * step))
     ivec v = _mm512_castsi128_si512(ROW(j));
@@ -146,23 +146,9 @@ LULL_INLINE ivec four_rows(const uint8_t *q, size_t step, unsigned j, unsigned n
 #undef ROW
 }
 
-LULL_INLINE void tap_codes(ivec *taps, const uint8_t *q, size_t step, unsigned n)
-{
-    ivec a = four_rows(q, step, 0, n), b = four_rows(q, step, 1, n);
-    ivec c = four_rows(q, step, 2, n), d = four_rows(q, step, 3, n);
-    ivec ab = _mm512_unpacklo_epi32(a, b), cd = _mm512_unpacklo_epi32(c, d);
-    taps[0] = _mm512_unpacklo_epi64(ab, cd);
-    taps[1] = _mm512_unpackhi_epi64(ab, cd);
-    ab = _mm512_unpackhi_epi32(a, b), cd = _mm512_unpackhi_epi32(c, d);
-    taps[2] = _mm512_unpacklo_epi64(ab, cd);
-    taps[3] = _mm512_unpackhi_epi64(ab, cd);
-    q += 9;
-    a = four_rows(q, step, 0, n), b = four_rows(q, step, 1, n);
-    c = four_rows(q, step, 2, n), d = four_rows(q, step, 3, n);
-    taps[4] = _mm512_unpackhi_epi64(_mm512_unpacklo_epi32(a, b), _mm512_unpacklo_epi32(c, d));
-    ab = _mm512_unpackhi_epi32(a, b), cd = _mm512_unpackhi_epi32(c, d);
-    taps[5] = _mm512_unpacklo_epi64(ab, cd);
-    taps[6] = _mm512_unpackhi_epi64(ab, cd);
-}
+LULL_INLINE ivec low32(ivec a, ivec b) { return _mm512_unpacklo_epi32(a, b); }
+LULL_INLINE ivec high32(ivec a, ivec b) { return _mm512_unpackhi_epi32(a, b); }
+LULL_INLINE ivec low64(ivec a, ivec b) { return _mm512_unpacklo_epi64(a, b); }
+LULL_INLINE ivec high64(ivec a, ivec b) { return _mm512_unpackhi_epi64(a, b); }
 
 #include "filter_rows.h"

@@ -21,7 +21,9 @@
  *                                   table values of the lowest bytes of q
  *   codes_at(q, step, n)            the dword at q + i * step in lane i < n
  *   look_up(table, q, n)            table[q[i]] in lane i < n
- *   tap_codes(taps, q, step, n)     25 codes at q + i * step for lane i < n: see TAP
+ *   pixels_from(q, step, j, n)      16 bytes at q + i * step of pixels i = j, j + 4, ..., a quarter
+ *                                   of the lanes, each not beyond pixel n - 1
+ *   low32, high32, low64, high64    (a, b): of each 16 bytes that half, dwords or qwords in turn
  *   TIE(a, b, c, d, e)              none is used before all are there: else compilers compute many
  *                                   weights at once and spill them
  *   NAME(op)                        lull_<op>_<isa>
@@ -38,6 +40,26 @@
     }
 
 /* ---- 5x5 means ------------------------------------------------------------------------------- */
+
+/* 25 codes at q + i * step for lane i < n: see TAP. */
+LULL_INLINE void tap_codes(ivec *taps, const uint8_t *q, size_t step, unsigned n)
+{
+    ivec a = pixels_from(q, step, 0, n), b = pixels_from(q, step, 1, n);
+    ivec c = pixels_from(q, step, 2, n), d = pixels_from(q, step, 3, n);
+    ivec ab = low32(a, b), cd = low32(c, d);
+    taps[0] = low64(ab, cd);
+    taps[1] = high64(ab, cd);
+    ab = high32(a, b), cd = high32(c, d);
+    taps[2] = low64(ab, cd);
+    taps[3] = high64(ab, cd);
+    q += 9;
+    a = pixels_from(q, step, 0, n), b = pixels_from(q, step, 1, n);
+    c = pixels_from(q, step, 2, n), d = pixels_from(q, step, 3, n);
+    taps[4] = high64(low32(a, b), low32(c, d));
+    ab = high32(a, b), cd = high32(c, d);
+    taps[5] = low64(ab, cd);
+    taps[6] = high64(ab, cd);
+}
 
 /* Taps 0..15 are the bytes of taps[0..3], taps 13..24 those of taps[4..6]. */
 #define TAP(x, vector, byte)                                                                       \
