@@ -108,7 +108,7 @@ def make_fit(layer: Layer, weight: np.ndarray, steps: Mapping[str, np.ndarray],
     return Fit(layer, len(weight), tuple(blocks))
 
 
-def _samples(count: int, wanted: int) -> np.ndarray:
+def evenly(count: int, wanted: int) -> np.ndarray:
     """At most `wanted` of `count` indices, spread evenly and without a period."""
     if count <= wanted:
         return np.arange(count)
@@ -128,7 +128,7 @@ def designs(layer: Layer, maps: Mapping[str, np.ndarray],
     h, w = maps[layer.source].shape[:2]
     skip = np.pad(maps[layer.skip], ((1, 1), (1, 1), (0, 0))) if layer.skip else None
     phases = 4 if layer.up else 1
-    pick = _samples(h * w, wanted // phases)
+    pick = evenly(h * w, wanted // phases)
     y, x = pick // w, pick % w
     for phase in range(phases):
         py, px = (phase >> 1, phase & 1) if layer.up else (0, 0)

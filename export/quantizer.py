@@ -6,14 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from export.convolve import taps_3x3
-from export.fit import Fit, make_fit, second_moments
+from export.convolve import pooled, taps_3x3
+from export.fit import Fit, evenly, make_fit, second_moments
 from export.graph import Layer, Net
 from export.reference import INT32, NARROW_MAX, SHIFT_MAX, WIDE_MAX, FloatModel, IntLayer, IntModel
 from export.rounding import Problem, nearest, rounded
 
 SCALE_MAX = 0.499   # of requantisation; the format's bound is 0.5
 QUIET = 1 / 64      # channels are scaled as if they reached this share of the tensor's range
+BIAS_STEPS = 6
 RANGES = ("max", "percentile", "mse")
 
 
@@ -30,8 +31,8 @@ class Options:
     wide: tuple[str, ...] | None = None  # layers with 15-bit outputs; None: second_last(net)
     equalize: float = 0.5      # 0: one range per tensor ... 1: every channel has its own
     refine: bool = True        # round weights by their effect (rounding.py) instead of to nearest
-    correct_bias: bool = True  # remove the mean error of each layer's outputs
-    samples: int = 32768       # pixels per layer for the statistics of its inputs
+    correct_bias: bool = True  # take each layer's error out of its biases
+    samples: int = 32768       # pixels per layer for the statistics of its inputs and errors
 
 
 def transfer_top(content: str) -> float:
@@ -159,7 +160,7 @@ class Quantizer:
                               for t in (layer.source, layer.skip, layer.name)))
 
         if self.options.correct_bias:
-            return made(bias + self._mean_error(layer, made(bias), unit))
+            return made(bias + self._bias_error(layer, made(bias), unit))
         return made(bias)
 
     def _fit_output(self, layer: Layer, unit: np.ndarray) -> None:
@@ -169,15 +170,44 @@ class Quantizer:
             least[:] = least.max(initial=0.0)
         self.steps[layer.name] = np.maximum(self.steps[layer.name], least)
 
-    def _mean_error(self, layer: Layer, made: IntLayer, unit: np.ndarray) -> np.ndarray:
-        """[O]: mean over all pixels of what is missing before the ReLU."""
-        total, pixels = np.zeros(made.outputs), 0
+    def _bias_error(self, layer: Layer, made: IntLayer, unit: np.ndarray) -> np.ndarray:
+        """[O]: what is missing from the biases, by the squared error of the layer's output.
+
+        The mean error before the ReLU alone is no measure: where a channel is far below 0 its error
+        may be large and does not show, and a bias that evens it out spoils the rest.
+        """
+        top = np.float32(made.out_max * self.steps[layer.name])
+        wanted, got, total, pixels = [], [], np.zeros(made.outputs), 0
         for floats, codes in zip(self.floats, self.codes, strict=True):
-            wanted = self._before_relu(layer, floats)
-            got = made.accumulate(codes, 0, wanted.shape[0])
-            total += wanted.sum((0, 1)) - got.sum((0, 1)) * unit
-            pixels += wanted.shape[0] * wanted.shape[1]
-        return total / max(pixels, 1)
+            pair = [self._before_relu(layer, floats)]
+            pair.append(made.accumulate(codes, 0, len(pair[0])) * unit)
+            total += (pair[0] - pair[1]).sum((0, 1))
+            pixels += pair[0].shape[0] * pair[0].shape[1]
+            if layer.pool:  # ReLU and a bias may as well come after it
+                pair = [pooled(x) for x in pair]
+            count = pair[0].shape[0] * pair[0].shape[1]
+            some = evenly(count, self.options.samples // len(self.codes))
+            for values, x in zip((wanted, got), pair):
+                values.append(x.reshape(count, -1)[some].astype(np.float32))
+        wanted, got = np.clip(np.concatenate(wanted), 0, top), np.concatenate(got)
+
+        def judge(added: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            """Mean squared error, and the mean error where wanted or got is not 0."""
+            value = np.clip(got + np.float32(added), 0, top)
+            active = ((wanted > 0) | (value > 0)).sum(0)
+            value -= wanted
+            return (value * value).mean(0), -value.sum(0) / np.maximum(active, 1)
+
+        best = np.zeros(made.outputs)
+        least, missing = judge(best)
+        added = total / max(pixels, 1)
+        for _ in range(BIAS_STEPS):
+            square, found = judge(added)
+            better = square < least
+            best, least = np.where(better, added, best), np.where(better, square, least)
+            missing = np.where(better, found, missing / 2)
+            added = best + missing
+        return best
 
     def _before_relu(self, layer: Layer, maps: dict[str, np.ndarray]) -> np.ndarray:
         """Float output [h,w,O] of a layer before ReLU and pooling."""

@@ -209,6 +209,26 @@ def test_bias_correction_and_rounding_by_effect_help():
     assert error() < 0.7 * error(refine=False, correct_bias=False)
 
 
+def test_errors_below_zero_do_not_move_biases():
+    """Inputs that came out too small on the left, where the output is far below 0 either way; on
+    the right all is well. Evening out the mean error before the ReLU would darken the right."""
+    model = load_model(fp16("unet_9_mixed"))
+    inputs = network_inputs([frame_of(noisy(32, 3, 2), Kind.of(9, "hdr", "color"))])
+    q = Quantizer(model, inputs, Options(samples=2000))
+    q.run()
+    layer = model.net.layers[1]
+    weight, bias = (model.tensors[f"{layer.name}.{kind}"] for kind in ("weight", "bias"))
+    weight[:], bias[:] = -1, 1
+    source, codes = q.floats[0][layer.source], q.codes[0][layer.source]
+    source[:], codes[:] = 0, 0
+    half = source.shape[1] // 2
+    codes[:, :half] = 100
+    source[:, :half] = 200 * q.steps[layer.source]
+    q.steps[layer.name][:] = 1 / 64
+    out = q._layer(layer).run(q.codes[0]) * q.steps[layer.name]
+    assert not out[:, :half // 2 - 1].any() and abs(out[:, half // 2 + 1:] - 1).max() < 1 / 32
+
+
 @pytest.mark.parametrize("channels", (3, 1))
 def test_a_dead_network_can_be_quantised(channels):
     """Weights of zero, biases below zero: no division by zero, scales within the format."""
