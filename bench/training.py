@@ -28,6 +28,7 @@ from training import fused, kernel_filter, parallel
 from training.data import from_raw
 from training.imageio import write_image
 from training.loss import make_loss
+from training.optimizer import Optimizer
 from training.result import make_model
 from training.scan import scan
 from training.settings import Settings, parse
@@ -56,8 +57,10 @@ class Stepper:
         self.settings = settings
         self.format = torch.contiguous_format if plain else torch.channels_last
         self.model = make_model(settings).to(memory_format=self.format)
-        self.optimizer = (torch.optim.Adam if plain else parallel.adam)(
-            self.model.parameters(), settings.max_learning_rate)
+        params = self.model.parameters(), settings.max_learning_rate
+        self.optimizer = Optimizer(*params)
+        if plain:
+            self.optimizer.parts = [torch.optim.Adam(*params)]
         self.loss_of = make_loss(settings.loss)
         self.mixed = parallel.Mixed(settings.replace(precision=precision),
                                     parallel.Team(0, 1, torch.device("cpu")))
@@ -65,7 +68,7 @@ class Stepper:
     def run(self, x: Tensor, y: Tensor) -> float:
         with self.mixed.autocast():
             loss = self.loss_of(self.model(x), y)
-        self.optimizer.zero_grad(set_to_none=True)
+        self.optimizer.zero_grad()
         loss.backward()
         self.mixed.step(self.optimizer, self.settings.grad_clip)
         return loss.item()

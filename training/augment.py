@@ -19,6 +19,8 @@ LINE_WIDTHS = (0.7, 5.0)    # pixels, of figures of lines
 DARKEST = 0.03              # least factor of a texture
 FINE_P = 0.35               # textures of waves that are finer than a pixel
 SHADOW_P = 0.25             # textures that multiply the radiance alone
+ZOOMS = (1.5, 6.0)          # of enlarged tiles
+NEAR = 3                    # pixels of the original around one from which its noise may come
 
 
 @dataclass(frozen=True)
@@ -34,6 +36,7 @@ class Augment:
     hits: float = 0.0       # share of hdr tiles with the noise of light that is found by chance
     collage: float = 0.0    # share of hdr tiles that show two pictures
     texture: float = 0.0    # share of hdr tiles multiplied by a texture
+    zoom: float = 0.0       # share of hdr tiles enlarged, their noise drawn anew
     drop: float = 0.0       # family K: share of tiles that lose auxiliary features
     clip: float = 0.0       # family K: share of tiles clipped at a random white (hdr only)
 
@@ -41,8 +44,8 @@ class Augment:
     def of(cls, s) -> Augment:
         """What the settings of a training ask for."""
         return cls(s.exposure_jitter, s.average_inputs, s.blend_target, s.mix_clean_aux,
-                   s.normal_signs, s.fireflies, s.hits, s.collage, s.texture, s.drop_features,
-                   s.clip)
+                   s.normal_signs, s.fireflies, s.hits, s.collage, s.texture, s.zoom,
+                   s.drop_features, s.clip)
 
 
 def add_fireflies(radiance: np.ndarray, rng: np.random.Generator) -> None:
@@ -114,6 +117,59 @@ def texture(h: int, w: int, spp: float, rng: np.random.Generator) -> tuple[np.nd
     if rng.random() < 0.4:  # grey
         a, b = np.full(3, a[0]), np.full(3, b[0])
     return tuple((a + s[..., None] * (b - a)).astype(np.float32) for s in (seen, share))
+
+
+def between(n: int, zoom: float, first: float, sharpness: float) -> tuple[np.ndarray, np.ndarray]:
+    """Where n pixels enlarged by `zoom` lie, in pixels of the original, and a matrix [n, pixels of
+    the original] that makes them: linear, or sharper, to hard edges at a sharpness of `zoom`."""
+    at = first + (np.arange(n) + 0.5) / zoom - 0.5
+    low = np.floor(at).astype(int)
+    share = np.clip((at - low - 0.5) * sharpness + 0.5, 0.0, 1.0)
+    count = math.ceil(n / zoom) + 1
+    make = np.zeros((n, count), np.float32)
+    rows = np.arange(n)
+    np.add.at(make, (rows, np.clip(low, 0, count - 1)), 1 - share)
+    np.add.at(make, (rows, np.clip(low + 1, 0, count - 1)), share)
+    return at, make
+
+
+def enlarge(make: tuple[np.ndarray, np.ndarray], image: np.ndarray) -> np.ndarray:
+    """[h,w,C] of the first rows and columns of an image, by the matrices of both directions."""
+    rows, columns = make
+    part = image[:rows.shape[1], :columns.shape[1]]
+    part = np.tensordot(rows, part, (1, 0))                  # [h, w0, C]
+    return np.ascontiguousarray(np.tensordot(part, columns, (1, 1)).transpose(0, 2, 1))
+
+
+def zoomed(x: np.ndarray, aux: np.ndarray, y: np.ndarray,
+           rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Radiance, features and target [h,w,C] as if their first pixels had been rendered larger: what
+    is broad and smooth, as walls of large pictures are. Each pixel of the input gets the noise of
+    one of the original near it: input by target there, times the target here.
+    """
+    h, w, _ = y.shape
+    zoom = math.exp(rng.uniform(*map(math.log, ZOOMS)))
+    sharpness = rng.uniform(1, zoom)
+    (at_y, rows), (at_x, columns) = (between(n, zoom, rng.random(), sharpness) for n in (h, w))
+    make = rows, columns
+    h0, w0 = rows.shape[1], columns.shape[1]
+    small = np.float32(1e-3)
+    noise = (x[:h0, :w0] + small) / (y[:h0, :w0] + small)
+    around = [(np.abs(np.subtract.outer(*[np.arange(n)] * 2)) <= NEAR).astype(np.float32)
+              for n in (h0, w0)]
+    around = [m / m.sum(1, keepdims=True) for m in around]
+    noise /= np.clip(enlarge(around, noise), 0.3, 3.0)  # of mean 1 around each pixel
+    iy, ix = (np.clip(np.rint(at + rng.integers(-NEAR, NEAR + 1, (h, w))).astype(int), 0, n - 1)
+              for at, n in ((at_y[:, None], h0), (at_x[None, :], w0)))
+    target = enlarge(make, y)
+    light = (target + small) * noise[iy, ix] - small
+    if rng.random() < 0.5:
+        features = enlarge(make, aux.astype(np.float32))
+    else:  # edges as samples see them
+        iy, ix = (np.clip(np.rint(at + rng.normal(0, 0.4, (h, w))).astype(int), 0, n - 1)
+                  for at, n in ((at_y[:, None], h0), (at_x[None, :], w0)))
+        features = aux[iy, ix]
+    return np.clip(light, 0.0, np.float32(color.HDR_MAX)), features, target
 
 
 PLAIN = Augment()

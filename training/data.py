@@ -16,7 +16,7 @@ from torch import Tensor
 
 from training import color, kernel_model
 from training.augment import DARKEST, PLAIN, SHADOW_P, Augment, add_fireflies, figure, \
-    hits_by_chance, texture
+    hits_by_chance, texture, zoomed
 from training.errors import DATA, ToolError
 from training.features import encode, load
 from training.scan import CHANNELS, FEATURES, Group, Scan
@@ -185,15 +185,18 @@ class Batches:
             aux = np.average([v[cut][..., m:].astype(np.float32) for v in picture.inputs], 0,
                              picture.weights)
         xm, ym = x[..., :m], y[..., :m]
-        flies, hits, collage, textured = (hdr and p > 0 and rng.random() < p for p in (
-            a.fireflies, a.hits, a.collage, a.texture))
-        if stops or average or blend or clip or flies or hits or collage or textured:
+        flies, hits, collage, textured, zoom = (hdr and p > 0 and rng.random() < p for p in (
+            a.fireflies, a.hits, a.collage, a.texture, a.zoom))
+        zoom = zoom and picture.target_spp >= CLEANER * spp
+        if stops or average or blend or clip or flies or hits or collage or textured or zoom:
             xr, yr = self.table.decode(xm), self.table.decode(ym)
             if average:
                 xr = np.average([self.table.decode(v[cut][..., :m]) for v in picture.inputs], 0,
                                 picture.weights).astype(np.float32)
             if blend:
                 xr = yr + np.float32(rng.uniform(0.2, 1.0)) * (xr - yr)
+            if zoom:
+                xr, aux, yr = zoomed(xr, aux, yr, rng)
             if hits:
                 xr = hits_by_chance(yr, rng)
             if collage:

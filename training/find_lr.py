@@ -24,6 +24,7 @@ from training.console import Bar
 from training.errors import USAGE, ToolError
 from training.imageio import replacing
 from training.loss import make_loss
+from training.optimizer import Optimizer
 from training.result import make_model
 from training.settings import Settings, parse, unique_id
 from training.train import make_batches, open_data
@@ -48,17 +49,16 @@ def worker(settings: Settings, team: parallel.Team) -> None:
         raise ToolError("--num_steps: a sweep needs at least 2", USAGE)
     torch.manual_seed(settings.seed)
     model = make_model(settings).to(team.device, memory_format=torch.channels_last)
-    optimizer = parallel.adam(model.parameters(), settings.learning_rate)
+    optimizer = Optimizer(model.parameters(), settings.learning_rate, settings.optimizer)
     loss_of = make_loss(settings.loss, settings.msssim_weights)
     growth = (settings.max_learning_rate / settings.learning_rate) ** (1 / (steps - 1))
     rows, smooth, best, bar = [], 0.0, math.inf, Bar(team.rank == 0)
     for step, (x, y) in enumerate(parallel.loader(batches, range(steps), settings)):
         rate = settings.learning_rate * growth**step
-        for group in optimizer.param_groups:
-            group["lr"] = rate
+        optimizer.schedule(rate)
         x = x.to(team.device)
         loss = loss_of(model(x), y.to(team.device))
-        optimizer.zero_grad(set_to_none=True)
+        optimizer.zero_grad()
         loss.backward()
         team.average([p.grad for p in model.parameters()])
         optimizer.step()

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from training.loss import LOSSES
+from training.optimizer import KINDS as OPTIMIZERS
 from training.scan import FEATURES
 
 SCRIPTS = {"preprocess": "P", "train": "T", "find_lr": "L", "infer": "I", "export": "X",
@@ -80,6 +81,7 @@ OPTIONS = (
     _o("--num_epochs --epochs -e", "PTIX", {"T": 2000}, "epochs to train, or checkpoint", **INT),
     _o("--num_valid_epochs --valid_epochs", "T", 10, "validate every n epochs", **INT),
     _o("--num_save_epochs --save_epochs", "T", 10, "save a checkpoint every n epochs", **INT),
+    _o("--optimizer", "TL", "adam", "adam, or muon, which needs fewer steps", choices=OPTIMIZERS),
     _o("--learning_rate --lr", "TL", {"L": 1e-8}, "initial learning rate", **FLOAT),
     _o("--max_learning_rate --max_lr", "TL", {"L": 0.1}, "largest learning rate", **FLOAT),
     _o("--learning_rate_warmup --lr_warmup", "T", None, "share of the cycle that rises", **FLOAT),
@@ -112,6 +114,7 @@ OPTIONS = (
     _o("--hits", "TL", 0.0, "share of hdr tiles with light found by chance", **FLOAT),
     _o("--collage", "TL", 0.0, "share of hdr tiles that show two pictures", **FLOAT),
     _o("--texture", "TL", 0.0, "share of hdr tiles multiplied by a random texture", **FLOAT),
+    _o("--zoom", "TL", 0.0, "share of hdr tiles enlarged, with noise at the new size", **FLOAT),
     _o("--drop_features", "TL", None, "family K: share of tiles without all features", **FLOAT),
     _o("--clip", "TL", None, "family K: share of tiles clipped like LDR images", **FLOAT),
     _o("--metric -M", "IQ", ["psnr", "ssim"], "metrics", nargs="*", choices=METRICS),

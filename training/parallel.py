@@ -18,6 +18,7 @@ import torch.distributed as dist
 from torch import Tensor
 
 from training.errors import STATE, USAGE, ToolError
+from training.optimizer import Optimizer
 from training.settings import Settings
 
 
@@ -162,12 +163,6 @@ def compiled(model: torch.nn.Module, settings: Settings, team: Team) -> Callable
     return model if mode == "disable" else torch.compile(model, mode=mode)
 
 
-def adam(params: Iterable, rate: float) -> torch.optim.Adam:
-    """Adam, a step of it in one pass where there is such a thing."""
-    params = list(params)
-    return torch.optim.Adam(params, rate, fused=params[0].device.type in ("cpu", "cuda"))
-
-
 class Mixed:
     """Autocast: fp16 with a gradient scaler on CUDA, bf16 anywhere, or none."""
 
@@ -187,17 +182,20 @@ class Mixed:
     def backward(self, loss: Tensor) -> None:
         (loss if self.scaler is None else self.scaler.scale(loss)).backward()
 
-    def step(self, optimizer: torch.optim.Optimizer, clip: float = 0.0) -> None:
+    def step(self, optimizer: Optimizer, clip: float = 0.0) -> None:
         """A step of the optimiser; clip: largest norm of the gradient, 0: any."""
-        if self.scaler is not None and clip > 0:
-            self.scaler.unscale_(optimizer)
+        optimizer.take_gradients()
+        for part in optimizer.parts if self.scaler is not None and clip > 0 else ():
+            self.scaler.unscale_(part)
         if clip > 0:
-            params = [p for group in optimizer.param_groups for p in group["params"]]
-            torch.nn.utils.clip_grad_norm_(params, clip)
+            torch.nn.utils.clip_grad_norm_(
+                [p for part in optimizer.parts for g in part.param_groups for p in g["params"]],
+                clip)
         if self.scaler is None:
             optimizer.step()
         else:
-            self.scaler.step(optimizer)
+            for part in optimizer.parts:
+                self.scaler.step(part)
             self.scaler.update()
 
     def state(self) -> dict | None:

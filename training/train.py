@@ -34,6 +34,7 @@ from training.dead import Channels
 from training.errors import DATA, INTERRUPTED, STATE, ToolError
 from training.integer_stage import quantize_aware
 from training.loss import make_loss
+from training.optimizer import Optimizer
 from training.result import Result, load_model, load_tensors, make_model, read_weights
 from training.scan import scan
 from training.schedule import Plan, one_cycle
@@ -78,7 +79,7 @@ def worker(settings: Settings, team: parallel.Team) -> None:
         load_tensors(model, initial_weights(settings), settings.init)
     params = list(model.parameters())
     ema = [p.detach().clone() for p in params] if settings.ema > 0 else []
-    optimizer = parallel.adam(params, settings.learning_rate)
+    optimizer = Optimizer(params, settings.learning_rate, settings.optimizer)
     loss_of = make_loss(settings.loss, settings.msssim_weights)
     run = parallel.compiled(model, settings, team)
     mixed = parallel.Mixed(settings, team)
@@ -121,15 +122,14 @@ def worker(settings: Settings, team: parallel.Team) -> None:
         for x, y in loader:
             # Learning rate and momentum: one cycle over the steps.
             rate, beta1 = one_cycle(plan.progress(step), settings)
-            for group in optimizer.param_groups:
-                group["lr"], group["betas"] = rate, (beta1, group["betas"][1])
+            optimizer.schedule(rate, beta1)
 
             # One step.
             x = x.to(team.device)
             y = y.to(team.device)
             with mixed.autocast():
                 loss = loss_of(run(x), y)
-            optimizer.zero_grad(set_to_none=True)
+            optimizer.zero_grad()
             mixed.backward(loss)
             team.average([p.grad for p in params])
             mixed.step(optimizer, settings.grad_clip)

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from training import color
-from training.augment import DARKEST, Augment, figure, hits_by_chance, texture, waves
+from training.augment import DARKEST, ZOOMS, Augment, between, enlarge, figure, \
+    hits_by_chance, texture, waves, zoomed
 from training.data import Batches, Picture
 
 F = ["hdr", "alb", "nrm"]
@@ -127,3 +128,49 @@ def test_hits_replace_the_noise_of_the_input():
     plain, target = light(MANY, Augment(), 3)
     assert np.abs(y - target).max() < 1e-3 and np.array_equal(x[..., 3:], plain[..., 3:])
     assert np.std(x[..., :3]) > 0.01 > np.std(plain[..., 0])
+
+
+def test_enlarged_pictures_lie_where_they_should():
+    """A ramp stays a ramp, `zoom` times as flat; at full sharpness pixels become squares."""
+    zoom, n = 4.0, 32
+    at, make = between(n, zoom, 0.5, 1.0)
+    ramp = np.arange(make.shape[1], dtype=np.float32)
+    assert np.allclose((make @ ramp)[2:-6], at[2:-6], atol=1e-5)
+    _, make = between(n, zoom, 0.5, 1e6)
+    assert set(np.unique(make)) == {0.0, 1.0} and np.allclose(make.sum(1), 1)
+    image = np.random.default_rng(1).random((make.shape[1], make.shape[1], 3), np.float32)
+    big = enlarge((make, make), image)
+    assert big.shape == (n, n, 3)
+    assert np.allclose(big, np.einsum("yi,xj,ijc->yxc", make, make, image), atol=1e-6)
+
+
+def test_zoomed_tiles_have_the_noise_of_the_original():
+    """Mean and spread per pixel stay; neighbours are as independent as they were."""
+    rng = np.random.default_rng(5)
+    means, spreads, neighbours = [], [], []
+    for seed in range(40):
+        y = np.full((64, 64, 3), 0.5, np.float32)
+        x = y * rng.gamma(0.5, 2.0, (64, 64, 1)).astype(np.float32)
+        aux = np.full((64, 64, 6), 0.25, np.float32)
+        a, b, c = zoomed(x, aux, y, np.random.default_rng(seed))
+        assert a.shape == x.shape and b.shape == aux.shape and c.shape == y.shape
+        assert np.allclose(b, 0.25) and np.allclose(c, 0.5, atol=1e-5)
+        e = a[..., 0] / 0.5 - 1
+        means.append(e.mean())
+        spreads.append(e.std())
+        neighbours.append((e[:, 1:] * e[:, :-1]).mean() / e.var())
+    assert abs(np.mean(means)) < 0.03
+    assert abs(np.mean(spreads) / 2**0.5 - 1) < 0.12
+    assert abs(np.mean(neighbours)) < 0.05
+
+
+@pytest.mark.parametrize("spp, is_zoomed", [(4.0, False), (1.0, True)])
+def test_only_clean_targets_are_enlarged(spp, is_zoomed):
+    """Noise of a target that is enlarged would be taught as a pattern of the surface."""
+    y = np.zeros((48, 48, 9), np.float16)
+    y[::2] = 0.5  # stripes
+    p = [Picture("p", [y], [spp], y, target_spp=32.0)]
+    batches = Batches(p, F, "hdr", "pu", 1, 48, 1, Augment(zoom=1.0))
+    _, out, _ = batches.light(p[0], 0, np.s_[:48, :48], np.random.default_rng(1))
+    stripes = np.array_equal(out, y[..., :3].astype(np.float32))
+    assert stripes != is_zoomed and ZOOMS[0] > 1

@@ -67,9 +67,11 @@ def test_log_has_scalars_and_pictures(raw, work):
     assert log.Tags()["images"]
 
 
-def test_resumed_run_equals_an_uninterrupted_one(raw, work, capsys):
+@pytest.mark.parametrize("optimizer", ["adam", "muon"])
+def test_resumed_run_equals_an_uninterrupted_one(raw, work, capsys, optimizer):
     args = [*RAW, "-D", str(raw), "--hold_out", "1", "-e", "6", "--save_epochs", "1",
-            "--valid_epochs", "2", "--exposure_jitter", "1", "--average_inputs", "0.3"]
+            "--valid_epochs", "2", "--exposure_jitter", "1", "--average_inputs", "0.3",
+            "--optimizer", optimizer]
     train.main([*args, "-r", "whole"])
     # the first half in a process that is stopped by its time budget of the schedule: by hand here
     stop = Stop(after=5)

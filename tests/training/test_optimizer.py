@@ -1,0 +1,85 @@
+"""Muon for kernels, Adam for the rest, in either layout of memory."""
+
+import copy
+
+import pytest
+import torch
+
+from training import nets
+from training.optimizer import Optimizer, is_matrix
+
+
+def steps(model, kind: str, count: int = 3, rate: float = 1e-2):
+    optimizer = Optimizer(model.parameters(), rate, kind)
+    torch.manual_seed(3)
+    x = torch.rand(2, 9, 16, 16)
+    for _ in range(count):
+        optimizer.zero_grad()
+        (model(x) ** 2).mean().backward()
+        optimizer.step()
+    return optimizer
+
+
+@pytest.fixture
+def model():
+    torch.manual_seed(1)
+    return nets.build("unet:" + ",".join(["8"] * 15), 9)
+
+
+def test_muon_takes_kernels_of_layers_with_enough_outputs(model):
+    optimizer = Optimizer(model.parameters(), 1e-2, "muon")
+    assert len(optimizer.parts) == 2
+    assert len(optimizer.kernels) == sum(is_matrix(p) for p in model.parameters()) == 15
+    count = sum(p.numel() for part in optimizer.parts for g in part.param_groups
+                for p in g["params"])
+    assert count == sum(p.numel() for p in model.parameters())
+    assert len(Optimizer(model.parameters(), 1e-2).parts) == 1
+
+
+def test_adam_is_pytorchs(model):
+    other = copy.deepcopy(model)
+    steps(model, "adam")
+    optimizer = torch.optim.Adam(other.parameters(), 1e-2)
+    torch.manual_seed(3)
+    x = torch.rand(2, 9, 16, 16)
+    for _ in range(3):
+        optimizer.zero_grad()
+        (other(x) ** 2).mean().backward()
+        optimizer.step()
+    for a, b in zip(model.parameters(), other.parameters()):
+        torch.testing.assert_close(a, b, rtol=1e-4, atol=1e-6)
+
+
+@pytest.mark.parametrize("outputs", [8, 96])  # fewer and more rows than columns
+def test_muon_moves_along_orthogonal_rows(outputs):
+    """One step moves a kernel by 0.2 sqrt(longer side) * rate * something nearly orthogonal."""
+    torch.manual_seed(2)
+    conv = torch.nn.Conv2d(9, outputs, 3)
+    before = conv.weight.detach().clone()
+    steps(conv, "muon", 1)
+    move = (conv.weight.detach() - before).flatten(1) / (0.2 * max(81, outputs) ** 0.5 * 1e-2)
+    lengths = torch.linalg.svdvals(move)
+    assert lengths.max() < 1.4 and lengths.median() > 0.5
+
+
+def test_muon_does_not_mind_the_layout_of_memory(model):
+    other = copy.deepcopy(model).to(memory_format=torch.channels_last)
+    steps(model, "muon"), steps(other, "muon")
+    for a, b in zip(model.parameters(), other.parameters()):
+        torch.testing.assert_close(a, b, rtol=0, atol=2e-3)
+
+
+def test_state_comes_back(model):
+    optimizer = steps(model, "muon")
+    state = copy.deepcopy(optimizer.state_dict())
+    fresh = Optimizer(model.parameters(), 1e-2, "muon")
+    fresh.load_state_dict(state)
+    for a, b in zip(optimizer.parts, fresh.parts):
+        old, new = a.state_dict()["state"], b.state_dict()["state"]
+        assert old.keys() == new.keys() and old
+        for k in old:
+            for name, value in old[k].items():
+                assert torch.equal(torch.as_tensor(value), torch.as_tensor(new[k][name]))
+    optimizer.schedule(5e-3, 0.9)
+    assert {g["lr"] for part in optimizer.parts for g in part.param_groups} == {5e-3}
+    assert optimizer.parts[0].param_groups[0]["betas"][0] == 0.9

@@ -1,0 +1,79 @@
+"""Optimisers: Adam as in Open Image Denoise's toolkit, or Muon, which needs far fewer steps.
+
+Muon (K. Jordan et al., "Muon: An optimizer for hidden layers in neural networks", 2024) replaces
+the momentum of a matrix by the nearest matrix with orthogonal rows. Here the matrices are the
+kernels of convolutions, [outputs, inputs * kernel height * kernel width]; biases, 1x1 heads and
+layers of few outputs stay with Adam. Its steps are scaled to the size of Adam's (J. Liu et al.,
+"Muon is scalable for LLM training", 2025), so that one learning rate serves both.
+"""
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import torch
+from torch import Tensor
+
+KINDS = ["adam", "muon"]
+MOMENTUM = 0.95
+LEAST_OUTPUTS = 8  # of a layer whose kernels are a matrix worth the name
+
+
+def adam(params: Iterable[Tensor], rate: float) -> torch.optim.Adam:
+    """Adam, a step of it in one pass where there is such a thing."""
+    params = list(params)
+    return torch.optim.Adam(params, rate, fused=params[0].device.type in ("cpu", "cuda"))
+
+
+def is_matrix(param: Tensor) -> bool:
+    return param.ndim == 4 and param.shape[2] > 1 and param.shape[0] >= LEAST_OUTPUTS
+
+
+def as_matrix(kernels: Tensor, like: Tensor) -> Tensor:
+    """[O,I,h,w] as a matrix, whose memory it shares, in the order in which `like` lies in memory."""
+    kernels = kernels.detach()
+    return (kernels if like.is_contiguous() else kernels.permute(0, 2, 3, 1)).flatten(1)
+
+
+class Optimizer:
+    """One or two optimisers that take their steps together."""
+
+    def __init__(self, params: Iterable[Tensor], rate: float, kind: str = "adam"):
+        self.params = list(params)
+        self.kernels = [p for p in self.params if kind == "muon" and is_matrix(p)]
+        chosen = {id(p) for p in self.kernels}
+        self.matrices = [as_matrix(p, p) for p in self.kernels]
+        self.parts = [adam([p for p in self.params if id(p) not in chosen], rate)]
+        if self.matrices:
+            self.parts.append(torch.optim.Muon(self.matrices, rate, weight_decay=0.0,
+                                               momentum=MOMENTUM,
+                                               adjust_lr_fn="match_rms_adamw"))
+
+    def schedule(self, rate: float, beta1: float | None = None) -> None:
+        """Learning rate and Adam's momentum of the steps to come."""
+        for part in self.parts:
+            for group in part.param_groups:
+                group["lr"] = rate
+                if beta1 is not None and "betas" in group:
+                    group["betas"] = beta1, group["betas"][1]
+
+    def zero_grad(self) -> None:
+        for p in self.params:
+            p.grad = None
+
+    def take_gradients(self) -> None:
+        """To be called between the gradients and `step`, or what looks at `parts`."""
+        for p, m in zip(self.kernels, self.matrices):
+            m.grad = None if p.grad is None else as_matrix(p.grad, p)
+
+    def step(self) -> None:
+        self.take_gradients()
+        for part in self.parts:
+            part.step()
+
+    def state_dict(self) -> dict:
+        first, *more = (part.state_dict() for part in self.parts)
+        return {**first, "more": more} if more else first
+
+    def load_state_dict(self, state: dict) -> None:
+        for part, s in zip(self.parts, [state, *state.get("more", [])]):
+            part.load_state_dict({"state": s["state"], "param_groups": s["param_groups"]})
