@@ -29,7 +29,7 @@ def is_matrix(param: Tensor) -> bool:
 
 
 def as_matrix(kernels: Tensor, like: Tensor) -> Tensor:
-    """[O,I,h,w] as a matrix, whose memory it shares, in the order in which `like` lies in memory."""
+    """[O,I,h,w] as a matrix, its memory shared, in the order in which `like` lies in memory."""
     kernels = kernels.detach()
     return (kernels if like.is_contiguous() else kernels.permute(0, 2, 3, 1)).flatten(1)
 
