@@ -26,13 +26,14 @@ from training.errors import STATE, ToolError
 from training.features import encode
 from training.imageio import replacing
 from training.kernel_integer import IntegerKernel
-from training.quantize_aware import IntegerNet, fine_tune
+from training.quantize_aware import IntegerNet, fine_tune, held_out, judge
 from training.result import Result, load_model
 from training.scan import CHANNELS, scan
 from training.settings import Settings
 from training.store import find_stored, read_pictures
 
 CALIBRATION = 12  # pictures
+METHOD = 2  # of the integer stage: states of another one are not continued
 CONTENTS = {("hdr", "pu"): "hdr", ("hdr", "log"): "lightmap-hdr", ("ldr", "srgb"): "ldr",
             ("ldr", "linear"): "srgb"}
 FEATURES = {"hdr": "color", "ldr": "color", "alb": "albedo", "nrm": "normal"}
@@ -125,13 +126,15 @@ def quantize_aware(result: Result, settings: Settings, pictures: list[Picture],
                    say: Callable = print) -> None:
     """Trains the integer model of a result's averaged weights for `quantize_aware` steps."""
     s = settings
-    float_tensors = load_model(result)[0].state_dict()
+    original = load_model(result)[0]
+    float_tensors = original.state_dict()
     same = {"weights": fingerprint(float_tensors), "steps": s.quantize_aware,
-            "rate": s.quantize_rate}
+            "rate": s.quantize_rate, "method": METHOD}
     state = read_stage(result)
     if state and state["same"] != same:
         state = None
     if state and state["tensors"] is not None:
+        say("Integer model: trained before")
         return
     say(f"Integer model: {s.quantize_aware} steps" + (f" from {state['step']}" if state else ""))
     model = quantize(float_tensors, s, pictures)
@@ -148,8 +151,12 @@ def quantize_aware(result: Result, settings: Settings, pictures: list[Picture],
             torch.save({"same": same, "tensors": tensors, **stage}, tmp)
 
     kept: dict = {}
-    fine_tune(net, batches, s.quantize_aware, s.quantize_rate, s.loss, say, state,
-              lambda stage: (kept.update(stage), save(stage)))
+    held = held_out(batches)
+    tuned = fine_tune(net, batches, held, s.quantize_aware, s.quantize_rate, s.loss, say, state,
+                      lambda stage: (kept.update(stage), save(stage)))
+    say(f"Integer model: loss {tuned.least:.6f} on tiles held out, that of step {tuned.step}; "
+        f"without training {tuned.before:.6f}, in floating point "
+        f"{judge(original, held, s.loss):.6f}")
     arrays = tensors_of_model(net.integer_model())
     save(kept or state, {k: torch.from_numpy(np.array(v)) for k, v in arrays.items()})
 

@@ -17,8 +17,10 @@ if __name__ == "__main__" and not __package__:  # run as a file: go on as a modu
     sys.exit(runpy.run_module("training.quantize_aware", run_name="__main__", alter_sys=True))
 
 import argparse
+import copy
 import dataclasses
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -34,12 +36,15 @@ from export.reference import NARROW_MAX, WIDE_MAX, IntLayer, IntModel, check_lay
 from training import errors
 from training.data import Augment, Batches, from_raw
 from training.errors import DATA, STATE, USAGE, ToolError
+from training.kernel_filter import Clamp
 from training.loss import make_loss
 from training.scan import scan
 
 TRANSFERS = {"hdr": "pu", "ldr": "srgb", "srgb": "linear", "lightmap-hdr": "log"}
 CALIBRATION = 12  # pictures of the data set
-SAVE_EVERY = 100  # steps
+SAVE_EVERY = 50  # steps
+JUDGES = 16      # batches that choose among the states of those steps
+ADAM_EPS = 1e-15  # gradients by one step of a weight are small: 1e-7 and far below
 
 
 def through(exact: Tensor, smooth: Tensor) -> Tensor:
@@ -102,11 +107,14 @@ class IntegerLayer(nn.Module):
     def _codes(self, total: Tensor) -> Tensor:
         """Requantisation and pooling of the accumulators."""
         s = self.source
-        smooth = (total * self.scale.to(total).view(1, -1, 1, 1)).clamp(0, s.out_max)
+        smooth = self._clamped(total * self.scale.to(total).view(1, -1, 1, 1))
         a = total.detach().round().long() * self.multiplier.view(1, -1, 1, 1)
         codes = ((a + (1 << 30)) >> 31).clamp(0, s.out_max).to(smooth)
         y = through(codes, smooth)
         return F.max_pool2d(y, 2) if self.layer.pool else y
+
+    def _clamped(self, codes: Tensor) -> Tensor:
+        return codes.clamp(0, self.source.out_max)
 
     @torch.no_grad()
     def rounded(self) -> IntLayer:
@@ -131,6 +139,9 @@ class IntegerHead(IntegerLayer):
     def forward(self, x: Tensor, skip: Tensor | None) -> Tensor:
         return self._codes(through(self.bias.round(), self.bias).view(1, -1, 1, 1)
                            + F.conv2d(x, self._rounded()))
+
+    def _clamped(self, codes: Tensor) -> Tensor:
+        return Clamp.apply(codes, 0.0, float(self.source.out_max))
 
     def _rounded(self) -> Tensor:
         """The bounds of pairs are those of the 3x3 kernel."""
@@ -177,9 +188,35 @@ class IntegerNet(nn.Module):
         return model
 
 
-def fine_tune(net: IntegerNet, batches: Batches, steps: int, rate: float, loss: str,
-              log=print, state: dict | None = None, save=lambda state: None) -> None:
-    """Adam on weights in units of their own steps; the rate falls to zero along a cosine.
+@dataclasses.dataclass
+class Tuned:
+    """What came out of fine_tune: the loss on the judging batches before, and the least, with the
+    step that it was reached after."""
+
+    before: float
+    least: float
+    step: int
+
+
+def held_out(batches: Batches) -> list[tuple[Tensor, Tensor]]:
+    """Batches of other tiles than those of a training."""
+    other = copy.copy(batches)
+    other.seed = batches.seed + 1
+    return [other[k] for k in range(JUDGES)]
+
+
+@torch.no_grad()
+def judge(net: nn.Module, held: Sequence[tuple[Tensor, Tensor]], loss: str) -> float:
+    """Mean loss of batches."""
+    criterion = make_loss(loss)
+    return sum(float(criterion(net(x), y)) for x, y in held) / len(held)
+
+
+def fine_tune(net: nn.Module, batches: Batches, held: Sequence[tuple[Tensor, Tensor]], steps: int,
+              rate: float, loss: str, log=print, state: dict | None = None,
+              save=lambda state: None) -> Tuned:
+    """Adam on weights in units of their own steps; the rate falls to zero along a cosine. The net
+    ends as it was when it did best on the batches `held`, which may be the beginning.
 
     state: what an earlier run gave to `save`, which gets it now and then and at the end.
     """
@@ -187,12 +224,16 @@ def fine_tune(net: IntegerNet, batches: Batches, steps: int, rate: float, loss: 
     net.float().train()
     groups = [{"params": [p], "base": rate * (10 if name.endswith("bias") else 1)}
               for name, p in net.named_parameters()]
-    optimizer = torch.optim.Adam(groups)
-    first, mean = 0, 0.0
+    optimizer = torch.optim.Adam(groups, eps=ADAM_EPS)
     if state:
         net.load_state_dict(state["net"])
         optimizer.load_state_dict(state["optimizer"])
-        first, mean = state["step"], state["mean"]
+        first, mean, tuned, best = (state[k] for k in ("step", "mean", "tuned", "best"))
+        tuned = Tuned(**tuned)
+    else:
+        first, mean, best = 0, 0.0, copy.deepcopy(net.state_dict())
+        loss_before = judge(net, held, loss)
+        tuned = Tuned(loss_before, loss_before, 0)
     for step in range(first, steps):
         for group in optimizer.param_groups:
             group["lr"] = group["base"] * (0.5 + 0.5 * math.cos(math.pi * step / steps))
@@ -203,10 +244,17 @@ def fine_tune(net: IntegerNet, batches: Batches, steps: int, rate: float, loss: 
         optimizer.step()
         mean += (value.item() - mean) / min(step + 1, 100)
         if (step + 1) % SAVE_EVERY == 0 or step + 1 == steps:
-            log(f"step {step + 1} of {steps}: loss {mean:.6f}")
-            save({"step": step + 1, "mean": mean, "net": net.state_dict(),
-                  "optimizer": optimizer.state_dict()})
+            found = judge(net, held, loss)
+            log(f"step {step + 1} of {steps}: loss {mean:.6f}, on tiles held out {found:.6f} "
+                f"(at first {tuned.before:.6f})")
+            if found < tuned.least:
+                tuned.least, tuned.step = found, step + 1
+                best = copy.deepcopy(net.state_dict())
+            save({"step": step + 1, "mean": mean, "net": net.state_dict(), "best": best,
+                  "tuned": dataclasses.asdict(tuned), "optimizer": optimizer.state_dict()})
+    net.load_state_dict(best)
     net.double()
+    return tuned
 
 
 def main(argv: list[str]) -> None:
@@ -244,7 +292,8 @@ def main(argv: list[str]) -> None:
     net = IntegerNet(Quantizer(model, inputs, Options(input_top=top, output_top=top)).run())
     batches = Batches(pictures, features, main_feature, transfer, args.batch_size, args.tile_size,
                       args.seed, Augment(exposure=1.0 if main_feature == "hdr" else 0.0))
-    fine_tune(net, batches, args.steps, args.rate, args.loss)
+    held = held_out(batches)
+    fine_tune(net, batches, held, args.steps, args.rate, args.loss)
     try:
         write_integer(args.output, integer_tensors(net.integer_model()))
     except ValueError as e:

@@ -95,7 +95,11 @@ def test_quantisation_aware_training(raw, work, capsys, monkeypatch):
         train.main(more)
     capsys.readouterr()
     train.main(more)
-    assert "Integer model: 30 steps from 20" in capsys.readouterr().out
+    out = capsys.readouterr().out
+    assert "Integer model: 30 steps from 20" in out
+    assert "on tiles held out" in out and "in floating point" in out
+    train.main(more)
+    assert "Integer model: trained before" in capsys.readouterr().out
     for results in ("whole", "results"):
         export.main(["-r", "k", "-R", results, "--int8", "-o", f"{results}.tza"])
     assert Path("whole.tza").read_bytes() == Path("results.tza").read_bytes()
@@ -137,8 +141,21 @@ def test_integer_training_repairs_a_spoilt_model(raw):
         with torch.no_grad():
             return sum(float((net(x) - y).abs().mean()) for x, y in (teacher[900], teacher[901]))
     before = error()
-    fine_tune(net, teacher, 30, 0.5, "l1", log=lambda line: None)
+    fine_tune(net, teacher, [teacher[800]], 30, 0.5, "l1", log=lambda line: None)
     assert error() < 0.8 * before
+
+
+def test_integer_heads_beyond_their_range_can_come_back():
+    """A gradient reaches biases of codes below 0 if it leads upwards, and of those above 255."""
+    head = IntegerKernel(kernel.load(GOLDEN / "weights.tza"), "linear").layers[-1]
+    x = torch.zeros(1, head.weight.shape[1], 4, 4, dtype=torch.float64)
+    for sign in (1, -1):
+        with torch.no_grad():
+            head.bias.fill_(-sign * 1e6)
+        for wish, reached in ((sign, True), (-sign, False)):
+            head.bias.grad = None
+            (-wish * head(x, None)).sum().backward()
+            assert bool((head.bias.grad != 0).all()) == reached
 
 
 def test_integer_net_is_the_integer_model():

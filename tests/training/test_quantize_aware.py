@@ -89,11 +89,26 @@ def test_training_repairs_a_spoilt_model():
         return float(np.abs(made.run(x) - exact.run(x)).mean())
 
     before = error(net.integer_model())
-    fine_tune(net, Teacher(exact, inputs), 60, 0.1, "l1", log=lambda line: None)
+    teacher = Teacher(exact, inputs)
+    tuned = fine_tune(net, teacher, [teacher[k] for k in range(900, 908)], 60, 0.1, "l1",
+                      log=lambda line: None)
+    assert tuned.least < 0.8 * tuned.before and tuned.step > 0
     made = net.integer_model()
     assert error(made) < 0.6 * before
     x = inputs[1][:32, :48]
     assert (run(net, x) == made.output_codes(x)).all()
+
+
+def test_training_that_spoils_a_model_leaves_it_as_it_was():
+    """Steps far too large: what comes out is what went in."""
+    exact = load_model(GOLDEN / "unet_9_tall" / "weights.tza")
+    inputs = network_inputs([frame_of(noisy(64, 1, 8), Kind.of(9, "hdr", "color"))])
+    model = Quantizer(exact, inputs, Options(samples=2000)).run()
+    net, teacher = IntegerNet(model), Teacher(exact, inputs)
+    losses = []
+    tuned = fine_tune(net, teacher, [teacher[9]], 5, 30.0, "l1", log=losses.append)
+    assert (tuned.step, tuned.least) == (0, tuned.before) and len(losses) == 1
+    assert (net.integer_model().run(inputs[0]) == model.run(inputs[0])).all()
 
 
 @pytest.fixture
