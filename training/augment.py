@@ -21,6 +21,7 @@ FINE_P = 0.35               # textures of waves that are finer than a pixel
 SHADOW_P = 0.25             # textures that multiply the radiance alone
 ZOOMS = (1.5, 6.0)          # of enlarged tiles
 NEAR = 3                    # pixels of the original around one from which its noise may come
+FADED_P, FADED = 0.4, 0.01  # enlarged tiles with less noise than the original, down to this share
 
 
 @dataclass(frozen=True)
@@ -154,6 +155,7 @@ def zoomed(x: np.ndarray, aux: np.ndarray, y: np.ndarray,
     make = rows, columns
     h0, w0 = rows.shape[1], columns.shape[1]
     small = np.float32(1e-3)
+    fade = FADED ** rng.random() if rng.random() < FADED_P else 1.0
     noise = (x[:h0, :w0] + small) / (y[:h0, :w0] + small)
     around = [(np.abs(np.subtract.outer(*[np.arange(n)] * 2)) <= NEAR).astype(np.float32)
               for n in (h0, w0)]
@@ -162,7 +164,7 @@ def zoomed(x: np.ndarray, aux: np.ndarray, y: np.ndarray,
     iy, ix = (np.clip(np.rint(at + rng.integers(-NEAR, NEAR + 1, (h, w))).astype(int), 0, n - 1)
               for at, n in ((at_y[:, None], h0), (at_x[None, :], w0)))
     target = enlarge(make, y)
-    light = (target + small) * noise[iy, ix] - small
+    light = target + (target + small) * (np.float32(fade) * (noise[iy, ix] - 1))
     if rng.random() < 0.5:
         features = enlarge(make, aux.astype(np.float32))
     else:  # edges as samples see them

@@ -24,6 +24,8 @@ from training.scan import CHANNELS, FEATURES, Group, Scan
 BORDER_P, BORDER_MAX = 0.1, 15  # tiles that are cut short and zero padded, as at image borders
 WHITES = (-0.5, 2.0)            # stops by which a tile is brighter before it is clipped
 CLEANER = 16                    # samples of a target that inputs are blended towards, per theirs
+CLEAN_SPP = 256                 # samples of a target that hardly shows its own noise
+LEAST_NOISE = 0.2, 0.03         # that blending leaves: of targets with fewer samples, of clean ones
 BLACK_P = 0.01                  # tiles made black: aux features alone are no light
 
 
@@ -194,7 +196,8 @@ class Batches:
                 xr = np.average([self.table.decode(v[cut][..., :m]) for v in picture.inputs], 0,
                                 picture.weights).astype(np.float32)
             if blend:
-                xr = yr + np.float32(rng.uniform(0.2, 1.0)) * (xr - yr)
+                least = LEAST_NOISE[picture.target_spp >= CLEAN_SPP]
+                xr = yr + np.float32(least ** rng.random()) * (xr - yr)
             if zoom:
                 xr, aux, yr = zoomed(xr, aux, yr, rng)
             if hits:

@@ -33,7 +33,7 @@ from training.data import Batches, Picture, from_raw, hold_out
 from training.dead import Channels
 from training.errors import DATA, INTERRUPTED, STATE, ToolError
 from training.integer_stage import quantize_aware
-from training.loss import make_loss
+from training.loss import balance, make_loss
 from training.optimizer import Optimizer
 from training.result import Result, load_model, load_tensors, make_model, read_weights
 from training.scan import scan
@@ -128,7 +128,11 @@ def worker(settings: Settings, team: parallel.Team) -> None:
             x = x.to(team.device)
             y = y.to(team.device)
             with mixed.autocast():
-                loss = loss_of(run(x), y)
+                out = run(x)
+                if settings.balance:
+                    factor = balance(x, y, settings.balance)
+                    out, y = out * factor, y * factor
+                loss = loss_of(out, y)
             optimizer.zero_grad()
             mixed.backward(loss)
             team.average([p.grad for p in params])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from training import color
+from training import augment, color
 from training.augment import DARKEST, ZOOMS, Augment, between, enlarge, figure, \
     hits_by_chance, texture, waves, zoomed
 from training.data import Batches, Picture
@@ -144,8 +144,9 @@ def test_enlarged_pictures_lie_where_they_should():
     assert np.allclose(big, np.einsum("yi,xj,ijc->yxc", make, make, image), atol=1e-6)
 
 
-def test_zoomed_tiles_have_the_noise_of_the_original():
+def test_zoomed_tiles_have_the_noise_of_the_original(monkeypatch):
     """Mean and spread per pixel stay; neighbours are as independent as they were."""
+    monkeypatch.setattr(augment, "FADED_P", 0.0)
     rng = np.random.default_rng(5)
     means, spreads, neighbours = [], [], []
     for seed in range(40):
@@ -162,6 +163,17 @@ def test_zoomed_tiles_have_the_noise_of_the_original():
     assert abs(np.mean(means)) < 0.03
     assert abs(np.mean(spreads) / 2**0.5 - 1) < 0.12
     assert abs(np.mean(neighbours)) < 0.05
+
+
+def test_zoomed_tiles_can_be_nearly_clean(monkeypatch):
+    monkeypatch.setattr(augment, "FADED_P", 1.0)
+    y = np.full((64, 64, 3), 0.5, np.float32)
+    x = y * np.random.default_rng(5).gamma(4, 0.25, (64, 64, 1)).astype(np.float32)
+    left = []
+    for seed in range(40):
+        a, _, b = zoomed(x, np.zeros((64, 64, 6), np.float32), y, np.random.default_rng(seed))
+        left.append((a - b).std() / (x - y).std())
+    assert min(left) < 0.04 and max(left) > 0.5
 
 
 @pytest.mark.parametrize("spp, is_zoomed", [(4.0, False), (1.0, True)])

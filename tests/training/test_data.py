@@ -285,6 +285,20 @@ def test_inputs_move_towards_cleaner_targets_only():
         assert nearer == moves
 
 
+def test_inputs_come_close_to_clean_targets():
+    """Of targets that show noise of their own a fifth of the input's stays, of clean ones less."""
+    p = small_pictures()[0]
+    batches = Batches([p], F, "hdr", "linear", 1, 32, 1, Augment(blend=1.0))
+    noise = np.abs(p.inputs[1][:32, :32, :3].astype(np.float32) - p.target[:32, :32, :3]).mean()
+    for spp, least in ((64.0, 0.2), (1024.0, 0.03)):
+        p.target_spp = spp
+        left = []
+        for seed in range(60):
+            x, y, _ = batches.light(p, 1, np.s_[:32, :32], np.random.default_rng(seed))
+            left.append(np.abs(x[..., :3] - y).mean() / noise)
+        assert min(left) == pytest.approx(least, abs=0.5 * least + 0.02) and max(left) > 0.7
+
+
 def test_noise_of_the_synthetic_data_falls_with_spp():
     clean = picture(0)
     errors = [np.abs(noisy(clean, n, 0)["hdr"] - clean["hdr"]).mean() for n in (1, 4, 16, 64)]

@@ -5,8 +5,8 @@ import pytest
 import torch
 
 from training import metrics
-from training.loss import (LOSSES, STANDARD_WEIGHTS, make_loss, msssim_scales, msssim_value,
-                           ssim_value)
+from training.loss import (LOSSES, STANDARD_WEIGHTS, balance, l1_grad, make_loss, msssim_scales,
+                           msssim_value, ssim_value)
 
 
 def pair(size=64, seed=0):
@@ -105,3 +105,20 @@ def test_metrics():
     # normals are shown from [-1,1]: 0 is grey to the sixth power
     shown = metrics.to_display(np.zeros((1, 1, 3)), "nrm")[0, 0, 0]
     assert shown == pytest.approx(1.055 * (0.5**6) ** (1 / 2.4) - 0.055, rel=1e-5)
+
+
+def test_balance_makes_tiles_of_little_noise_count():
+    """With power 1 each tile counts by the share of its noise that is left."""
+    torch.manual_seed(1)
+    y = torch.rand(3, 3, 16, 16)
+    noise = 0.05 * torch.rand(1, 3, 16, 16).expand(3, -1, -1, -1)  # 0.025 on average
+    level = torch.tensor([4.0, 1.0, 0.25]).view(3, 1, 1, 1)
+    x = torch.cat((y + level * noise, torch.rand(3, 6, 16, 16)), 1)
+    out = y + 0.1 * level * noise  # a tenth is left of each
+    for power in (0.0, 0.5, 1.0):
+        f = balance(x, y, power)
+        assert f.shape == (3, 1, 1, 1) and (power > 0 or (f == 1).all())
+        each = [l1_grad(f[i] * out[i:i + 1], f[i] * y[i:i + 1]).item() for i in range(3)]
+        least = (0.1 + 0.005) / (0.1 / 16 + 0.005)  # what the smallest noise does to a ratio of 16
+        assert each[0] / each[2] == pytest.approx(16 / least**power, rel=0.04)
+    assert (balance(y, y, 1.0) == 10).all()  # bounded
