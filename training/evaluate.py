@@ -100,12 +100,20 @@ def load_denoiser(path: Path, features: list[str]) -> Denoiser | Program:
     return Denoiser(model, features, features[0], "pu", [])
 
 
-def evaluate(case: Case, path: Path, denoiser: Denoiser | Program,
-             binary: Path | None,
-             names: list[str]) -> dict:
-    """Scores of one case: by method and metric, and the agreement with OIDN running our weights."""
+def with_less_noise(image: np.ndarray, target: np.ndarray, share: float) -> np.ndarray:
+    """An image, [H,W,C], moved towards its target until this share of its noise is left."""
+    return np.maximum(target + np.float32(share) * (image - target), 0).astype(np.float32)
+
+
+def evaluate(case: Case, path: Path, denoiser: Denoiser | Program, binary: Path | None,
+             names: list[str], as_spp: int | None = None) -> dict:
+    """Scores of one case: by method and metric, and the agreement with OIDN running our weights.
+
+    as_spp: the input gets the noise of this many samples per pixel, in place of its own."""
     images = load(case.source, denoiser.features)
     target = load(case.target, ["hdr"])["hdr"]
+    if as_spp:
+        images["hdr"] = with_less_noise(images["hdr"], target, (case.source.spp / as_spp) ** 0.5)
     exposure = color.autoexposure(target)
     shown = metrics.to_display(target, "hdr", exposure)
     outputs = {"noisy": images["hdr"], "lull": denoiser.run(images)}
@@ -199,6 +207,8 @@ def main(argv: list[str]) -> None:
     parser.add_argument("--json", type=Path, help="all figures")
     parser.add_argument("--metric", nargs="*", default=NAMES, choices=tuple(metrics.METRICS))
     parser.add_argument("--spp", type=int, nargs="*", help="only pictures of these sample counts")
+    parser.add_argument("--as_spp", type=int, metavar="N",
+                        help="inputs moved towards their references to the noise of N samples")
     parser.add_argument("--least_gain", type=float, metavar="DB",
                         help="status 4 if the mean PSNR of a set gains less than this")
     parser.add_argument("--no_oidn", action="store_true", help="do not run the real OIDN")
@@ -221,8 +231,9 @@ def main(argv: list[str]) -> None:
         for title, cases in sets:
             rows = []
             for case in (c for c in cases if has_features(c.source, features)
-                         and (not args.spp or c.source.spp in args.spp)):
-                rows.append(evaluate(case, path, denoiser, binary, list(args.metric)))
+                         and (not args.spp or c.source.spp in args.spp)
+                         and (not args.as_spp or c.source.spp)):
+                rows.append(evaluate(case, path, denoiser, binary, list(args.metric), args.as_spp))
                 r = rows[-1]
                 print(f"{path.stem} {case.name}: " + ", ".join(
                     m + " " + "/".join(f"{v:.4g}" for v in r[m].values())
