@@ -36,7 +36,6 @@ static uint32_t allowed_ports(void)
 static void tell_ports(json *report)
 {
     uint32_t available;
-    lull_ports_request();
     available = lull_ports_available();
     const char *cpu = oidnGetNumPhysicalDevices() > 0 ? oidnGetPhysicalDeviceString(0, "name") : "";
     report_line("lull %d.%d.%d\n", LULL_VERSION_MAJOR, LULL_VERSION_MINOR, LULL_VERSION_PATCH);
@@ -420,6 +419,7 @@ int main(int argc, char **argv)
     exit_code code;
     memset(&s, 0, sizeof s);
     memset(&report, 0, sizeof report);
+    lull_ports_request(); /* before anything asks which ports there are */
     s.width = 1920;
     s.height = 1080;
     s.files = calloc((size_t)argc + 1, sizeof *s.files);

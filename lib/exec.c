@@ -83,11 +83,12 @@ static int is_free(const lull_graph *graph, unsigned first, unsigned chain, unsi
 
 /* 1 if layer `next` can be made part by part after layer l, in the batch that began with `first`.
  */
-static int is_local(const lull_graph *graph, unsigned first, unsigned l, unsigned next)
+static int is_local(const lull_plan *plan, unsigned first, unsigned l, unsigned next)
 {
+    const lull_graph *graph = &plan->model->graph;
     const lull_layer *a = &graph->layer[l], *b = &graph->layer[next];
-    return a->level == b->level && !a->pool && !b->pool && lull_layer_rows(a) == 1 &&
-           lull_layer_rows(b) == 1 && is_free(graph, first, l, next);
+    return a->level == b->level && !a->pool && !b->pool && lull_plan_rows(plan, l) == 1 &&
+           lull_plan_rows(plan, next) == 1 && is_free(graph, first, l, next);
 }
 
 /* Takes the turn of layer l, and of those after it that can be made together with it: their parts
@@ -100,10 +101,10 @@ static void take_turns(lull_group *g, lull_task *t, unsigned batch, unsigned l, 
     unsigned next = l + 1, width = (t->right - t->left) >> graph->layer[l].level;
     g->layer = l;
     g->first = plan->done[l + 1];
-    g->rows = (ready - g->first) / lull_layer_rows(&graph->layer[l]);
+    g->rows = (ready - g->first) / lull_plan_rows(plan, l);
     g->chunk = lull_plan_chunk(plan, l);
     plan->done[l + 1] = ready;
-    for (; next < graph->layers && is_local(graph, batch, l, next); next++) {
+    for (; next < graph->layers && is_local(plan, batch, l, next); next++) {
         if (graph->layer[next].op == LULL_OP_SMOOTH && !plan->keeps_rows)
             load_albedo(t, host);
         if (plan->done[next + 1] != g->first || lull_plan_turn(plan, next) != ready)
@@ -114,7 +115,7 @@ static void take_turns(lull_group *g, lull_task *t, unsigned batch, unsigned l, 
     g->layers = next - l;
     g->chunks = (width + g->chunk - 1) / g->chunk;
     g->stores = next == graph->layers && plan->strips == 1 && plan->stored == g->first &&
-                lull_layer_rows(&graph->layer[l]) == 1;
+                lull_plan_rows(plan, l) == 1;
 }
 
 /* The turns of layers from l on that do not need each other, in one loop. Returns the layer after

@@ -65,6 +65,10 @@ lull_part lull_exec_part(const lull_task *t, unsigned index, unsigned left, unsi
  * form. x and n, before pooling, are whole patches. */
 void lull_exec_winograd(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker);
 
+/* Columns [x, x+n) of four rows from y on (or of the pooled rows y and y + 1), in patches. x
+ * and n, before pooling, are whole patches. */
+void lull_exec_patches(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker);
+
 /* Columns [x, x+n) of row y of the task's layer, if it is one of the filter. */
 void lull_exec_filter(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker);
 

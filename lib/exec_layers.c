@@ -313,11 +313,13 @@ void lull_exec_chunk(void *context, unsigned index, unsigned worker)
     const lull_group *g = find_group(context, &index);
     const lull_layer *layer = &t.plan->model->graph.layer[g->layer];
     unsigned x = index / g->rows * g->chunk;
-    unsigned y = g->first + index % g->rows * lull_layer_rows(layer);
+    unsigned y = g->first + index % g->rows * lull_plan_rows(t.plan, g->layer);
     unsigned n = lull_min_u(g->chunk, ((t.right - t.left) >> layer->level) - x);
     for (t.layer = g->layer; t.layer < g->layer + g->layers; t.layer++, layer++) {
         if (layer->is_winograd)
             lull_exec_winograd(&t, x, y, n, worker);
+        else if (lull_plan_is_patched(t.plan, t.layer))
+            lull_exec_patches(&t, x, y, n, worker);
         else if (lull_layer_is_conv(layer))
             make_conv(&t, x, y, n, worker);
         else

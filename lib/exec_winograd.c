@@ -62,7 +62,7 @@ void lull_exec_winograd(const lull_task *t, unsigned x, unsigned y, unsigned n, 
     lull_plan_points(&points, plan, t->layer);
     memset(image, 0, sizeof image);
     for (unsigned s = 0; s < 3; s++) {
-        image[s].points = (float *)(void *)scratch + points.offset[s];
+        image[s].points = (float *)(void *)(scratch + points.offset[s]);
         image[s].plane = points.plane[s];
         image[s].patches = n / LULL_WINOGRAD_COLUMNS;
         if (s < 2 && layer->source[s] != LULL_TENSOR_NONE)

@@ -66,11 +66,6 @@ int lull_layer_is_up(const lull_layer *layer)
     return layer->op == LULL_OP_CONV && layer->reads[0] == LULL_READS_COARSE;
 }
 
-unsigned lull_layer_rows(const lull_layer *layer)
-{
-    return layer->is_winograd && !layer->pool ? LULL_WINOGRAD_ROWS : 1;
-}
-
 /* Number of the tensor called `name` among those made so far; LULL_TENSOR_NONE if there is none. */
 static uint8_t tensor_called(const lull_graph *graph, const char *name)
 {

@@ -58,6 +58,7 @@ typedef struct lull_layer {
     uint8_t first;       /* the first of them in the weights file: level 0's head is two layers */
     uint8_t is_wide;     /* integer models: the output has 15-bit codes */
     uint8_t is_winograd; /* fp32: computed in Winograd's form, two rows together */
+    uint8_t has_patches; /* integers: packed for patches, too, four rows together */
 } lull_layer;
 
 typedef struct lull_graph {
@@ -107,9 +108,6 @@ unsigned lull_layer_own_outputs(const lull_layer *layer);
 /* 1 if a tensor is used part by part by the layers that follow the one that makes it: it needs no
  * rows. */
 int lull_graph_is_local(const lull_graph *graph, unsigned tensor);
-
-/* Rows that a layer makes together: 1, or 2 (of which the first is even). */
-unsigned lull_layer_rows(const lull_layer *layer);
 
 /* Channels of a layer's source number `index`; 0 where there is none. */
 unsigned lull_layer_inputs(const lull_graph *graph, const lull_layer *layer, unsigned index);

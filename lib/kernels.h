@@ -9,6 +9,7 @@
 #ifndef LULL_KERNELS_H
 #define LULL_KERNELS_H
 
+#include "patches.h"
 #include "winograd.h"
 
 #define LULL_MAX_SEGMENTS 6
@@ -38,6 +39,10 @@ typedef struct lull_segment {
  *
  * conv_int3: the same for exactly three outputs, with B = 1, which is what integer layers of three
  * outputs are packed for, unless the table has splits_wide.
+ *
+ * points_int: out[p * out_step + o] = sum over k of row[p * step + k] * weight[o][k], modulo 2^32,
+ * over one segment of int16 points: two of them, and two int16 weights, are a dword; `length` and
+ * `step` count dwords. B is block_int; there is no bias.
  *
  * bias and multiplier are zero-padded to whole blocks. */
 typedef struct lull_conv {
@@ -141,6 +146,7 @@ typedef struct lull_kernels {
     unsigned block_f32; /* output channels a weight block holds, fp32 */
     unsigned block_int;
     unsigned splits_wide; /* 1: conv_int multiplies the bytes of wide elements by themselves */
+    unsigned has_patches; /* 1: integer layers are faster in patches where they can be */
 #define KERNEL(name, parameters, tolerance, purpose) void(*name) parameters;
 #include "kernels.def"
 } lull_kernels;

@@ -299,6 +299,11 @@ static size_t layout(lull_packed_layer *packed, const lull_graph *graph,
     packed->bias = lull_append(&total, outputs * 4);
     if (graph->is_integer)
         packed->multiplier = lull_append(&total, outputs * 4);
+    if (graph->layer[l].has_patches) {
+        packed->point_bytes =
+            outputs * sizeof(int16_t) * lull_layer_inputs(graph, &graph->layer[l], 0);
+        packed->patches = lull_append(&total, packed->point_bytes * LULL_PATCH_POINTS);
+    }
     return total;
 }
 
@@ -316,6 +321,9 @@ static void pack_layer(lull_model *model, unsigned l, const lull_tza *tza)
     lull_graph_tensors(&tensors, layer, tza);
     if (layer->is_winograd)
         pack_winograd(model, l, &tensors, lanes);
+    if (layer->has_patches)
+        lull_pack_patches((int16_t *)(void *)(base + packed->patches), &tensors.weight,
+                          layer->outputs, lull_layer_inputs(&model->graph, layer, 0), lanes);
     for (unsigned i = 0; i < LULL_PACK_BLOCKS; i++)
         if (describe(&b, &model->graph, l, i, &tensors)) {
             unsigned split = is_split(&b, &model->kernels) ? 2 : 0;
@@ -341,6 +349,26 @@ static void pack_layer(lull_model *model, unsigned l, const lull_tza *tza)
         packed->wide_shift = (unsigned)lull_tza_int(&tensors.shift, 0);
 }
 
+/* Marks the integer layers to pack for patches: those with one source, not upsampled, where patches
+ * lie the same in every strip. */
+static void choose_patches(lull_graph *graph, const lull_kernels *kernels, const lull_tza *tza)
+{
+    for (unsigned l = 0; l < graph->layers; l++) {
+        lull_layer *layer = &graph->layer[l];
+        unsigned inputs = lull_layer_inputs(graph, layer, 0);
+        unsigned step = 1u << (graph->levels - layer->level);
+        lull_layer_tensors tensors;
+        if (!kernels->has_patches || !graph->is_integer || layer->op != LULL_OP_CONV ||
+            lull_layer_is_up(layer) || layer->source[1] != LULL_TENSOR_NONE ||
+            inputs % LULL_PATCH_CHANNELS || layer->outputs % LULL_PATCH_CHANNELS ||
+            step % LULL_PATCH_SIDE)
+            continue;
+        lull_graph_tensors(&tensors, layer, tza);
+        layer->has_patches =
+            (uint8_t)lull_pack_fits_patches(&tensors.weight, layer->outputs, inputs);
+    }
+}
+
 /* Graph, kernels and size of the model that these weights make. */
 static lull_status examine(lull_graph *graph, lull_kernels *kernels, size_t *bytes,
                            const lull_tza *tza, uint32_t ports)
@@ -350,6 +378,7 @@ static lull_status examine(lull_graph *graph, lull_kernels *kernels, size_t *byt
     if (status != LULL_OK)
         return status;
     lull_kernels_fill(kernels, ports);
+    choose_patches(graph, kernels, tza);
     *bytes = lull_align_up(sizeof(lull_model), LULL_ALIGN);
     for (unsigned l = 0; l < graph->layers; l++)
         *bytes = layout(&packed, graph, kernels, l, *bytes);

@@ -14,7 +14,8 @@ typedef struct lull_packed_layer {
     size_t weights[LULL_PACK_BLOCKS]; /* offsets from the model; 0: not there */
     size_t bias, multiplier;          /* offsets */
     size_t zeros, point_bytes;        /* Winograd's form: as many zeros as bias; bytes of an input
-                                         channel's weights at a point */
+                                         channel's weights at a point, or of all in patches */
+    size_t patches;                   /* weights of patches; 0: not there */
     unsigned wide_shift;
     int is_small; /* sums are: lull_conv */
 } lull_packed_layer;
@@ -34,6 +35,13 @@ struct lull_model {
  */
 void lull_pack_winograd(float *out, const lull_tza_tensor *weight, unsigned outputs,
                         unsigned channels, unsigned offset, unsigned lanes, int is_up);
+
+/* Weights of patches: [point][output / lanes][channel / 2][output % lanes][channel % 2]. */
+void lull_pack_patches(int16_t *out, const lull_tza_tensor *weight, unsigned outputs,
+                       unsigned channels, unsigned lanes);
+
+/* 1 if no pixel's sum over bytes can leave what patches know of it. */
+int lull_pack_fits_patches(const lull_tza_tensor *weight, unsigned outputs, unsigned channels);
 
 /* 1 if layer l is one for conv_int3. */
 int lull_pack_is_int3(const lull_graph *graph, const lull_kernels *kernels, unsigned l);

@@ -64,11 +64,27 @@ unsigned lull_plan_albedo(const lull_plan *plan)
     return lull_max_u(lull_min_u(rows, plan->height), plan->done[LULL_TENSOR_ALBEDO]);
 }
 
-/* Rows of layer l in a turn, after pooling. */
-static unsigned turn_rows(const lull_plan *plan, const lull_layer *layer)
+int lull_plan_is_patched(const lull_plan *plan, unsigned l)
 {
+    const lull_layer *layer = &plan->model->graph.layer[l];
+    return layer->has_patches && plan->row_step >> layer->level >= LULL_PATCH_SIDE / 2;
+}
+
+unsigned lull_plan_rows(const lull_plan *plan, unsigned l)
+{
+    const lull_layer *layer = &plan->model->graph.layer[l];
+    unsigned rows = lull_plan_is_patched(plan, l) ? LULL_PATCH_SIDE
+                    : layer->is_winograd          ? LULL_WINOGRAD_ROWS
+                                                  : 1;
+    return lull_max_u(rows >> layer->pool, 1);
+}
+
+/* Rows of layer l in a turn, after pooling. */
+static unsigned turn_rows(const lull_plan *plan, unsigned l)
+{
+    const lull_layer *layer = &plan->model->graph.layer[l];
     unsigned turn = lull_max_u(plan->row_step >> (layer->level + layer->pool), 1);
-    return (unsigned)lull_align_up(turn, lull_layer_rows(layer));
+    return (unsigned)lull_align_up(turn, lull_plan_rows(plan, l));
 }
 
 /* 1 if every layer that reads a tensor could take a whole turn with the rows that are made. A layer
@@ -80,7 +96,7 @@ static int is_ahead(const lull_plan *plan, unsigned tensor)
     for (unsigned l = 0; l < graph->layers; l++) {
         const lull_layer *layer = &graph->layer[l];
         unsigned all = plan->height >> layer->level;
-        unsigned wanted = (plan->done[l + 1] + turn_rows(plan, layer)) << layer->pool;
+        unsigned wanted = (plan->done[l + 1] + turn_rows(plan, l)) << layer->pool;
         for (unsigned s = 0; s < LULL_MAX_SOURCES; s++) {
             if (layer->source[s] != tensor)
                 continue;
@@ -98,14 +114,14 @@ unsigned lull_plan_turn(const lull_plan *plan, unsigned l)
     const lull_graph *graph = &plan->model->graph;
     const lull_layer *layer = &graph->layer[l];
     unsigned all = plan->height >> layer->level, ready = all;
-    unsigned rows = lull_layer_rows(layer), done = plan->done[l + 1];
+    unsigned rows = lull_plan_rows(plan, l), done = plan->done[l + 1];
     if (graph->family == LULL_FAMILY_U && is_ahead(plan, l + 1))
         return done;
     for (unsigned s = 0; s < LULL_MAX_SOURCES && layer->source[s] != LULL_TENSOR_NONE; s++)
         ready = lull_min_u(
             ready, rows_ready((lull_reads)layer->reads[s], plan->done[layer->source[s]],
                               plan->height >> lull_graph_level(graph, layer->source[s]), all));
-    return lull_min_u((ready >> layer->pool) / rows * rows, done + turn_rows(plan, layer));
+    return lull_min_u((ready >> layer->pool) / rows * rows, done + turn_rows(plan, l));
 }
 
 /* Rows of a tensor that are still needed, given what its consumers and the output have made. */
@@ -203,6 +219,25 @@ unsigned lull_plan_band(const lull_plan *plan)
     return (unsigned)lull_align_up((plan->row_width + count - 1) / count, LULL_BLOCK);
 }
 
+/* Sets of points that source or output of a patched layer has: wide sources have two. */
+static unsigned point_sets(const lull_plan *plan, unsigned l)
+{
+    const lull_graph *graph = &plan->model->graph;
+    return lull_graph_dtype(graph, graph->layer[l].source[0]) == LULL_DTYPE_U15 ? 2 : 1;
+}
+
+/* Bytes of the points of a patch, in Winograd's form or of patches. */
+static size_t patch_bytes(const lull_plan *plan, unsigned l)
+{
+    const lull_graph *graph = &plan->model->graph;
+    const lull_layer *layer = &graph->layer[l];
+    size_t inputs = lull_layer_inputs(graph, layer, 0) + lull_layer_inputs(graph, layer, 1);
+    if (layer->is_winograd)
+        return LULL_WINOGRAD_POINTS * sizeof(float) * (layer->outputs + inputs);
+    return LULL_PATCH_POINTS * point_sets(plan, l) *
+           (layer->outputs * sizeof(int32_t) + inputs * sizeof(int16_t));
+}
+
 unsigned lull_plan_chunk(const lull_plan *plan, unsigned l)
 {
     const lull_graph *graph = &plan->model->graph;
@@ -213,13 +248,12 @@ unsigned lull_plan_chunk(const lull_plan *plan, unsigned l)
     unsigned rows = lull_max_u(plan->row_step >> layer->level, 1);
     unsigned count =
         (unsigned)((width * (layer->outputs + 3 * inputs) * element + TASK_BYTES - 1) / TASK_BYTES);
-    if (layer->is_winograd) {
-        size_t patch = LULL_WINOGRAD_POINTS * sizeof(float) * (layer->outputs + inputs);
-        unsigned most;
-        step = 12 * LULL_WINOGRAD_COLUMNS;
-        most = (unsigned)lull_max_u(WINOGRAD_TASK_BYTES / 12 / (unsigned)patch, 1) * step;
+    if (layer->is_winograd || lull_plan_is_patched(plan, l)) {
+        unsigned patch = (unsigned)patch_bytes(plan, l), most;
+        step = 12 * LULL_WINOGRAD_COLUMNS; /* patches have as many */
+        most = lull_max_u(WINOGRAD_TASK_BYTES / 12 / patch, 1) * step;
         count = (width + most - 1) / most;
-        rows = lull_max_u(rows / LULL_WINOGRAD_ROWS, 1);
+        rows = lull_max_u(rows / (lull_plan_rows(plan, l) << layer->pool), 1);
     }
     count = pieces(plan, rows, count);
     return (unsigned)lull_align_up((width + count - 1) / count, step);
@@ -229,15 +263,18 @@ size_t lull_plan_points(lull_points *points, const lull_plan *plan, unsigned l)
 {
     const lull_graph *graph = &plan->model->graph;
     const lull_layer *layer = &graph->layer[l];
-    size_t total = 0, line = LULL_ALIGN / sizeof(float);
+    size_t total = 0, count = LULL_WINOGRAD_POINTS;
     size_t patches = lull_min_u(lull_plan_chunk(plan, l), plan->row_width >> layer->level) /
                      LULL_WINOGRAD_COLUMNS;
+    if (!layer->is_winograd)
+        count = LULL_PATCH_POINTS * point_sets(plan, l);
     for (unsigned s = 0; s < 3; s++) {
         size_t channels = s < 2 ? lull_layer_inputs(graph, layer, s) : layer->outputs;
-        points->offset[s] = total;
-        points->plane[s] = lull_align_up(patches * channels, line) | line; /* an odd number of lines
-                                                                            */
-        total += channels ? LULL_WINOGRAD_POINTS * points->plane[s] : 0;
+        size_t element = s < 2 && !layer->is_winograd ? sizeof(int16_t) : sizeof(float), plane;
+        plane = lull_align_up(patches * channels * element, LULL_ALIGN) | LULL_ALIGN;
+        points->offset[s] = total; /* planes are an odd number of lines */
+        points->plane[s] = plane / element;
+        total += channels ? count * plane : 0;
     }
     return total;
 }
@@ -290,8 +327,8 @@ static void layout(lull_plan *plan)
     for (unsigned l = 0; l < graph->layers; l++) {
         size_t bytes = 0;
         lull_points points;
-        if (graph->layer[l].is_winograd)
-            bytes = lull_plan_points(&points, plan, l) * sizeof(float);
+        if (graph->layer[l].is_winograd || lull_plan_is_patched(plan, l))
+            bytes = lull_plan_points(&points, plan, l);
         else if (lull_graph_is_local(graph, l + 1))
             bytes =
                 LULL_SCRATCH_LOCAL + lull_ring_pixel(&plan->ring[l + 1]) * lull_plan_chunk(plan, l);

@@ -92,9 +92,15 @@ unsigned lull_plan_band(const lull_plan *plan);
 /* Columns of a task of layer l, at its own resolution before pooling: even. */
 unsigned lull_plan_chunk(const lull_plan *plan, unsigned l);
 
-/* Where a task of layer l, in Winograd's form, has the points of its sources (0, 1) and of its
- * outputs (2) in its scratch memory: floats from the start, and from plane to plane. Returns the
- * floats of all. */
+/* 1 if layer l is made in patches: where a step has rows enough for them. */
+int lull_plan_is_patched(const lull_plan *plan, unsigned l);
+
+/* Rows (after pooling) that layer l makes together; the first is a multiple of them. */
+unsigned lull_plan_rows(const lull_plan *plan, unsigned l);
+
+/* Where a task of layer l, in Winograd's form or in patches, has the points of its sources (0, 1)
+ * and of its outputs (2) in its scratch memory: bytes from the start, and elements from plane to
+ * plane. Returns the bytes of all. */
 typedef struct lull_points {
     size_t offset[3], plane[3];
 } lull_points;

@@ -12,28 +12,28 @@ PORT_GROUPS := SCALAR AVX2 AVX512 AVXVNNI VNNI AMX NEON DOTPROD I8MM
 PORT_SCALAR_ARCH := any
 PORT_SCALAR_SOURCES := ports/scalar/port_scalar.c ports/scalar/conv_f32_scalar.c \
                        ports/scalar/conv_int_scalar.c ports/scalar/pool_scalar.c ports/scalar/filter5_scalar.c \
-                       ports/scalar/filter_scalar.c ports/scalar/winograd_scalar.c \
+                       ports/scalar/filter_scalar.c ports/scalar/winograd_scalar.c ports/scalar/patches_scalar.c \
                        ports/scalar/curves_scalar.c
 
 PORT_AVX2_ARCH := x86
 PORT_AVX2_FLAGS := -mavx2 -mfma
 PORT_AVX2_SOURCES := ports/x86/port_avx2.c ports/x86/conv_f32_avx2.c ports/x86/conv_int_avx2.c \
                      ports/x86/pool_avx2.c ports/x86/filter_avx2.c \
-                     ports/x86/winograd_avx2.c ports/x86/curves_avx2.c
+                     ports/x86/winograd_avx2.c ports/x86/patches_avx2.c ports/x86/conv_points_avx2.c ports/x86/curves_avx2.c
 
 PORT_AVX512_ARCH := x86
 PORT_AVX512_FLAGS := -mavx512f -mavx512bw -mavx512vl -mavx512dq -mfma -mprefer-vector-width=512
 PORT_AVX512_SOURCES := ports/x86/port_avx512.c ports/x86/conv_f32_avx512.c \
                        ports/x86/conv_int_avx512.c ports/x86/filter_avx512.c \
-                       ports/x86/winograd_avx512.c ports/x86/curves_avx512.c
+                       ports/x86/winograd_avx512.c ports/x86/patches_avx512.c ports/x86/conv_points_avx512.c ports/x86/curves_avx512.c
 
 PORT_AVXVNNI_ARCH := x86
 PORT_AVXVNNI_FLAGS := -mavx2 -mfma -mavxvnni
-PORT_AVXVNNI_SOURCES := ports/x86/port_avxvnni.c ports/x86/conv_int_avxvnni.c
+PORT_AVXVNNI_SOURCES := ports/x86/port_avxvnni.c ports/x86/conv_int_avxvnni.c ports/x86/conv_points_avxvnni.c
 
 PORT_VNNI_ARCH := x86
 PORT_VNNI_FLAGS := -mavx512f -mavx512bw -mavx512vl -mavx512dq -mavx512vnni -mfma -mprefer-vector-width=512
-PORT_VNNI_SOURCES := ports/x86/port_vnni.c ports/x86/conv_int_vnni.c
+PORT_VNNI_SOURCES := ports/x86/port_vnni.c ports/x86/conv_int_vnni.c ports/x86/conv_points_vnni.c
 
 PORT_AMX_ARCH := x86
 PORT_AMX_FLAGS := -mavx512f -mavx512bw -mavx512vl -mavx512dq -mamx-tile -mamx-int8 -mfma -mprefer-vector-width=512

@@ -13,6 +13,9 @@ void lull_winograd_in_scalar(const lull_winograd *image);
 void lull_winograd_out_scalar(const lull_winograd *image);
 void lull_conv_int_scalar(const lull_conv *conv);
 void lull_conv_int3_scalar(const lull_conv *conv);
+void lull_patches_in_scalar(const lull_patches *image);
+void lull_points_int_scalar(const lull_conv *conv);
+void lull_patches_out_scalar(const lull_patches *image);
 void lull_pool_u8_scalar(uint8_t *out, const uint8_t *above, const uint8_t *below,
                          unsigned channels, unsigned pixels);
 void lull_filter5_scalar(const lull_window *window);

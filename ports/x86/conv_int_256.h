@@ -3,6 +3,7 @@
  * tiles of two vectors and of one) and CONV (the function's name). */
 #include "intrinsics.h"
 #include "kernels.h"
+#include "requantise_256.h"
 #include "tiles.h"
 
 #define LANES 8u
@@ -85,15 +86,6 @@ LULL_INLINE void finish_end(const finish *f, const tile_row *row, unsigned p, un
     if (f->spare_step)
         for (; pixels; pixels--, from += f->spare_step, to += step)
             copy_bytes(to, from, row->n * f->size);
-}
-
-/* (a * M + 2^30) >> 31 as the high half of a * 2M + 2^31, which always fits. */
-LULL_INLINE vec requantise(vec a, vec even, vec odd)
-{
-    const vec half = _mm256_set1_epi64x((long long)1 << 31);
-    vec q0 = _mm256_add_epi64(_mm256_mul_epi32(a, even), half);
-    vec q1 = _mm256_add_epi64(_mm256_mul_epi32(_mm256_srli_epi64(a, 32), odd), half);
-    return _mm256_blend_epi32(_mm256_srli_epi64(q0, 32), q1, 0xaa);
 }
 
 /* Two vectors of requantised sums of one pixel. */

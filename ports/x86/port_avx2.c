@@ -11,6 +11,10 @@ void lull_port_avx2(lull_kernels *kernels)
     kernels->pool_f32 = lull_pool_f32_avx2;
     kernels->conv_int = lull_conv_int_avx2;
     kernels->conv_int3 = lull_conv_int3_avx2;
+    kernels->has_patches = 1;
+    kernels->patches_in = lull_patches_in_avx2;
+    kernels->points_int = lull_points_int_avx2;
+    kernels->patches_out = lull_patches_out_avx2;
     kernels->pool_u8 = lull_pool_u8_avx2;
     kernels->filter5 = lull_filter5_avx2;
     kernels->encode = lull_encode_avx2;

@@ -13,6 +13,9 @@ void lull_conv_int_avx2(const lull_conv *conv);
 void lull_conv_int3_avx2(const lull_conv *conv);
 void lull_winograd_in_avx2(const lull_winograd *image);
 void lull_winograd_out_avx2(const lull_winograd *image);
+void lull_patches_in_avx2(const lull_patches *image);
+void lull_points_int_avx2(const lull_conv *conv);
+void lull_patches_out_avx2(const lull_patches *image);
 void lull_pool_f32_avx2(float *out, const float *above, const float *below, unsigned channels,
                         unsigned pixels);
 void lull_pool_u8_avx2(uint8_t *out, const uint8_t *above, const uint8_t *below, unsigned channels,

@@ -10,6 +10,10 @@ void lull_port_avx512(lull_kernels *kernels)
     kernels->winograd_out = lull_winograd_out_avx512;
     kernels->conv_int = lull_conv_int_avx512;
     kernels->conv_int3 = lull_conv_int3_avx512;
+    kernels->has_patches = 1;
+    kernels->patches_in = lull_patches_in_avx512;
+    kernels->points_int = lull_points_int_avx512;
+    kernels->patches_out = lull_patches_out_avx512;
 #if !LULL_EMULATE /* it lacks the instructions */
     kernels->curve_in = lull_curve_in_avx512;
     kernels->curve_out = lull_curve_out_avx512;

@@ -10,5 +10,6 @@
 
 void lull_conv_int_avxvnni(const lull_conv *conv);
 void lull_conv_int3_avxvnni(const lull_conv *conv);
+void lull_points_int_avxvnni(const lull_conv *conv);
 
 #endif

@@ -10,5 +10,6 @@
 
 void lull_conv_int_vnni(const lull_conv *conv);
 void lull_conv_int3_vnni(const lull_conv *conv);
+void lull_points_int_vnni(const lull_conv *conv);
 
 #endif

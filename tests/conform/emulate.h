@@ -35,6 +35,9 @@
 #define lull_conv_int3_avx2 emulated_conv_int3_avx2
 #define lull_winograd_in_avx2 emulated_winograd_in_avx2
 #define lull_winograd_out_avx2 emulated_winograd_out_avx2
+#define lull_patches_in_avx2 emulated_patches_in_avx2
+#define lull_points_int_avx2 emulated_points_int_avx2
+#define lull_patches_out_avx2 emulated_patches_out_avx2
 #define lull_pool_f32_avx2 emulated_pool_f32_avx2
 #define lull_pool_u8_avx2 emulated_pool_u8_avx2
 #define lull_filter5_avx2 emulated_filter5_avx2
@@ -50,6 +53,11 @@
 #define lull_conv_int3_avx512 emulated_conv_int3_avx512
 #define lull_winograd_in_avx512 emulated_winograd_in_avx512
 #define lull_winograd_out_avx512 emulated_winograd_out_avx512
+#define lull_patches_in_avx512 emulated_patches_in_avx512
+#define lull_points_int_avx512 emulated_points_int_avx512
+#define lull_patches_out_avx512 emulated_patches_out_avx512
+#define lull_points_int_avxvnni emulated_points_int_avxvnni
+#define lull_points_int_vnni emulated_points_int_vnni
 #define lull_conv_int_avxvnni emulated_conv_int_avxvnni
 #define lull_conv_int3_avxvnni emulated_conv_int3_avxvnni
 #define lull_conv_int_vnni emulated_conv_int_vnni

@@ -13,6 +13,12 @@ TEST_conform_emulated_SOURCES := tests/conform/emulate_main.c tests/conform/conf
                                  tests/conform/emulate_filter_avx2.c \
                                  tests/conform/emulate_winograd_avx2.c \
                                  tests/conform/emulate_winograd_avx512.c \
+                                 tests/conform/emulate_patches_avx2.c \
+                                 tests/conform/emulate_patches_avx512.c \
+                                 tests/conform/emulate_conv_points_avx2.c \
+                                 tests/conform/emulate_conv_points_avx512.c \
+                                 tests/conform/emulate_conv_points_avxvnni.c \
+                                 tests/conform/emulate_conv_points_vnni.c \
                                  tests/conform/emulate_conv_int_avxvnni.c \
                                  tests/conform/emulate_conv_int_vnni.c
 # The emulation is thousands of small functions: at -O3 its files take minutes to compile.

@@ -90,6 +90,9 @@ static void *aligned(size_t bytes)
     return posix_memalign(&p, LULL_ALIGN, bytes ? bytes : 1) ? NULL : p;
 }
 
+/* Layers made in patches in the run before, and whether its port makes any so. */
+static unsigned patched, has_patches;
+
 /* Runs the network; returns H*W*3 floats. */
 static float *run(const golden *g, uint32_t ports, unsigned row_step, unsigned strip_width,
                   float *output_scale)
@@ -115,6 +118,10 @@ static float *run(const golden *g, uint32_t ports, unsigned row_step, unsigned s
     plan_bytes = lull_plan_size(&frame, model);
     plan_memory = aligned(plan_bytes);
     CHECK_EQ(lull_plan_init(&plan, plan_memory, plan_bytes, &frame, model), LULL_OK);
+    has_patches = model->kernels.has_patches;
+    patched = 0;
+    for (unsigned l = 0; l < model->graph.layers; l++)
+        patched += lull_plan_is_patched(plan, l) != 0;
     for (unsigned f = 0; f < g->inputs / 3; f++)
         for (unsigned i = 0; i < pixels; i++)
             for (unsigned c = 0; c < 3; c++) {
@@ -169,6 +176,7 @@ static void check_case(const char *name)
         if (!(lull_ports_available() >> port & 1))
             continue;
         first = run(&g, mask, 0, 0, &scale);
+        CHECK_EQ(patched, strstr(name, "patches") && has_patches ? 6 : 0);
         compare(&g, first, scale);
         for (size_t v = 0; v < sizeof variants / sizeof variants[0]; v++) {
             float *again = run(&g, mask, variants[v][0], variants[v][1], &scale);

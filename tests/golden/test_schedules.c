@@ -1,5 +1,5 @@
-/* An integer network makes the same bytes on every port, with any number of workers, strip width
- * and memory limit: one fingerprint, written down here, for every compiler, optimisation and CPU.
+/* Integer networks make the same bytes on every port, with any number of workers, strip width and
+ * memory limit: one fingerprint each, written down here, for every compiler, optimisation and CPU.
  */
 #define _POSIX_C_SOURCE 200809L
 #include <math.h>
@@ -9,10 +9,16 @@
 #include "../unit/hash.h"
 #include "lull.h"
 
-#define WEIGHTS "tests/golden/int_unet_9_mixed/weights.tza"
 #define WIDTH 700u
 #define HEIGHT 33u
-#define FINGERPRINT UINT64_C(0xfa45edfcb00fc6b4)
+
+static const struct {
+    const char *weights;
+    uint64_t fingerprint;
+} networks[] = {
+    {"tests/golden/int_unet_9_mixed/weights.tza", UINT64_C(0xfa45edfcb00fc6b4)},
+    {"tests/golden/int_unet_9_patches/weights.tza", UINT64_C(0x4f781f3764802787)}, /* in patches */
+};
 
 static const struct {
     unsigned workers, strip_width;
@@ -64,7 +70,7 @@ static uint64_t run(const lull_model *model, unsigned workers, unsigned strip_wi
     return hash_floats(HASH_START, output, (size_t)WIDTH * HEIGHT * 3);
 }
 
-static void on_port(const void *tza, size_t tza_bytes, unsigned port)
+static void on_port(const void *tza, size_t tza_bytes, unsigned port, uint64_t fingerprint)
 {
     uint32_t mask = (2u << port) - 1;
     size_t bytes = lull_model_size(tza, tza_bytes, mask);
@@ -75,7 +81,7 @@ static void on_port(const void *tza, size_t tza_bytes, unsigned port)
     for (size_t s = 0; s < sizeof schedules / sizeof schedules[0]; s++) {
         uint64_t hash =
             run(model, schedules[s].workers, schedules[s].strip_width, schedules[s].is_least);
-        if (!CHECK(hash == FINGERPRINT))
+        if (!CHECK(hash == fingerprint))
             printf("  %s, %u workers, strips of %u%s: %08lx%08lx\n", lull_port_name(port),
                    schedules[s].workers, schedules[s].strip_width,
                    schedules[s].is_least ? ", least memory" : "", (unsigned long)(hash >> 32),
@@ -84,24 +90,30 @@ static void on_port(const void *tza, size_t tza_bytes, unsigned port)
     free(memory);
 }
 
-static void same_bytes_everywhere(void)
+static void on_ports(const char *weights, uint64_t fingerprint)
 {
     static uint8_t tza[1 << 20];
-    FILE *file = fopen(WEIGHTS, "rb");
+    FILE *file = fopen(weights, "rb");
     size_t bytes = file ? fread(tza, 1, sizeof tza, file) : 0;
-    uint32_t state = 77;
     if (!CHECK(bytes > 0))
         return;
     fclose(file);
+    for (unsigned port = 0; lull_port_name(port); port++)
+        if (lull_ports_available() >> port & 1)
+            on_port(tza, bytes, port, fingerprint);
+}
+
+static void same_bytes_everywhere(void)
+{
+    uint32_t state = 77;
     output = malloc((size_t)WIDTH * HEIGHT * 3 * sizeof *output);
     for (unsigned f = 0; f < 3; f++) {
         features[f] = malloc((size_t)WIDTH * HEIGHT * 3 * sizeof **features);
         for (size_t i = 0; i < (size_t)WIDTH * HEIGHT * 3; i++)
             features[f][i] = (float)(random_bits(&state) >> 16) / (f == 0 ? 16384.0f : 65536.0f);
     }
-    for (unsigned port = 0; lull_port_name(port); port++)
-        if (lull_ports_available() >> port & 1)
-            on_port(tza, bytes, port);
+    for (size_t i = 0; i < sizeof networks / sizeof networks[0]; i++)
+        on_ports(networks[i].weights, networks[i].fingerprint);
     for (unsigned f = 0; f < 3; f++)
         free(features[f]);
     free(output);

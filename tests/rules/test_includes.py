@@ -23,7 +23,8 @@ LIB = {
     "exposure": {"image", "transfer", "kernels"},
     "cpu": {"ports"},
     "winograd": set(),
-    "kernels": {"ports", "winograd"},
+    "patches": set(),
+    "kernels": {"patches", "ports", "winograd"},
     "dispatch": {"kernels", "cpu", "ports"},
     "graph": {"tza", "nets", "winograd"},
     "pack": {"graph", "kernels", "transfer"},
@@ -36,7 +37,7 @@ LIB = {
 }
 LIBC = {"float.h", "stddef.h", "stdint.h", "string.h"}  # string.h in base.h only
 INTRINSICS = {"immintrin.h", "emmintrin.h", "tmmintrin.h", "arm_neon.h", "cpuid.h"}
-PORT_MAY = {"base", "curves", "kernels", "lull", "winograd"}  # headers of lib/
+PORT_MAY = {"base", "curves", "kernels", "lull", "patches", "winograd"}  # headers of lib/
 APPS_MAY = {"lull.h", "OpenImageDenoise/oidn.h", "OpenImageDenoise/oidn.hpp",
             "OpenImageDenoise/config.h", "builtin.def"}
 

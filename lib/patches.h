@@ -1,0 +1,48 @@
+/* Winograd's form of a 3x3 convolution in integers, F(4x4, 3x3); docs/arithmetic.md has the
+ * formulas. The same sums as the direct form's, to the bit.
+ *
+ * Four rows of pixels are cut into patches of four columns. A patch is computed from 36 points, 6 *
+ * (row of points) + column of points, of 16 bits: at each, one product of channels and outputs
+ * takes the place of nine for each of the 16 pixels.
+ */
+#ifndef LULL_PATCHES_H
+#define LULL_PATCHES_H
+
+#include "base.h"
+
+#define LULL_PATCH_SIDE 4u
+#define LULL_PATCH_POINTS 36u
+#define LULL_PATCH_CHANNELS 16u /* channels and outputs are multiples of this */
+
+/* What `sums` are of a pixel's sum of products y: 576 y modulo 2^32. The inverse of 9 modulo 2^32
+ * and a shift by 6 make y of them if |y| < LULL_PATCH_LIMIT. */
+#define LULL_PATCH_INVERSE 954437177u
+#define LULL_PATCH_SHIFT 6u
+#define LULL_PATCH_LIMIT (1 << 25)
+
+/* What the kernels are given.
+ *
+ * patches_in makes the points of every patch and channel from the six rows that they see. A row
+ * points to the column left of the first patch. Of wide codes it makes two sets of points: those of
+ * the high bytes, then those of the low bytes.
+ *
+ * patches_out makes rows of codes from sums at the points, requantised as conv_int does
+ * (kernels.h); it overwrites the sums. With s = y, or 256 y of the high bytes + y of the low bytes:
+ * a = ((s + (1 << shift >> 1)) >> shift) + bias. If is_pooled, the 2x2 maxima of rows 0 and 1, and
+ * 2 and 3, go to out[0] and out[1]. */
+typedef struct lull_patches {
+    const uint8_t *row[6]; /* in: [column][channel] */
+    uint8_t *out[4];       /* out: [column][channel] */
+    int16_t *points;       /* in: point k of patch p: points + k * plane + p * channels; those of
+                            * low bytes: k + 36 */
+    int32_t *sums;         /* out: the same */
+    const int32_t *bias;   /* out, like the next two */
+    const int32_t *multiplier;
+    int32_t out_max; /* above 255: words are stored */
+    size_t plane;
+    unsigned channels, patches, shift;
+    int is_wide, is_pooled;
+    int is_small; /* out: as in lull_conv */
+} lull_patches;
+
+#endif

@@ -1,0 +1,162 @@
+/* Patches: points of codes, and codes of sums at points, in vectors over channels. Included once by
+ * the file of an instruction set, which defines IN and OUT (the functions' names) and
+ *
+ *   words, WORDS                   a vector of WORDS int16
+ *   load_words(p, n), store_words(p, v, n)
+ *                                  the first n of them if n < WORDS (a multiple of 16)
+ *   load_codes(p, n, what)         codes as words: NARROW bytes, the HIGH or LOW bytes of words
+ *   addw, subw, shlw(a, bits)      of words
+ *   vec, LANES                     a vector of LANES int32, with load, save, add, sub, shl
+ *   exact(a)                       a * LULL_PATCH_INVERSE >> LULL_PATCH_SHIFT
+ *   shift(a, n), most(a, b)        arithmetic shift to the right; the larger one
+ *   scales, scales_init(&s, image, first)
+ *                                  constants of the requantisation of the outputs from `first` on
+ *   put(&s, to, next, pixel, a)    requantises and stores the sums a[0] to a[3] of four pixels: two
+ *                                  from `to` on, two from `next` on, `pixel` bytes apart
+ *
+ * Both directions of a patch are done one after the other; the buffer of points holds what the
+ * first one makes. */
+enum { NARROW, HIGH, LOW };
+
+/* Six points of d, `step` apart. */
+LULL_INLINE void make_side(int16_t *to, size_t step, const words *d, unsigned n)
+{
+    words u = subw(d[4], d[2]), v = subw(d[3], d[1]);
+    words e = subw(d[4], shlw(d[2], 2)), f = subw(d[3], shlw(d[1], 2));
+    words twice = shlw(v, 1);
+    store_words(to, addw(shlw(subw(d[0], d[2]), 2), u), n);
+    store_words(to + step, addw(e, f), n);
+    store_words(to + 2 * step, subw(e, f), n);
+    store_words(to + 3 * step, addw(u, twice), n);
+    store_words(to + 4 * step, subw(u, twice), n);
+    store_words(to + 5 * step, subw(subw(d[5], d[3]), shlw(v, 2)), n);
+}
+
+/* Points of n channels of a patch: `at` is their place in the rows, in bytes. */
+LULL_INLINE void patch_in(const lull_patches *image, int16_t *points, size_t at, unsigned n,
+                          unsigned what)
+{
+    size_t plane = image->plane, pixel = (what == NARROW ? 1u : 2u) * (size_t)image->channels;
+    for (unsigned x = 0; x < 6; x++, at += pixel) {
+        words d[6];
+        for (unsigned y = 0; y < 6; y++)
+            d[y] = load_codes(image->row[y] + at, n, what);
+        make_side(points + x * plane, 6 * plane, d, n);
+    }
+    for (unsigned y = 0; y < 6; y++, points += 6 * plane) {
+        words d[6];
+        for (unsigned x = 0; x < 6; x++)
+            d[x] = load_words(points + x * plane, n);
+        make_side(points, plane, d, n);
+    }
+}
+
+LULL_INLINE void points_in(const lull_patches *image, int16_t *points, unsigned what)
+{
+    size_t element = what == NARROW ? 1 : 2, pixel = element * image->channels, at = 0;
+    for (unsigned p = 0; p < image->patches; p++, at += LULL_PATCH_SIDE * pixel) {
+        unsigned c = 0;
+        for (; c + WORDS <= image->channels; c += WORDS)
+            patch_in(image, points + c, at + c * element, WORDS, what);
+        if (c < image->channels)
+            patch_in(image, points + c, at + c * element, image->channels - c, what);
+        points += image->channels;
+    }
+}
+
+void IN(const lull_patches *image)
+{
+    if (!image->is_wide) {
+        points_in(image, image->points, NARROW);
+        return;
+    }
+    points_in(image, image->points, HIGH);
+    points_in(image, image->points + LULL_PATCH_POINTS * image->plane, LOW);
+}
+
+/* 24 times four values from their six sums. */
+LULL_INLINE void make_pixels(vec *y, const int32_t *t, size_t step)
+{
+    vec t1 = load(t + step), t2 = load(t + 2 * step), t3 = load(t + 3 * step);
+    vec t4 = load(t + 4 * step);
+    vec s = add(t1, t2), d = sub(t1, t2), far_s = add(t3, t4), far_d = sub(t3, t4);
+    y[0] = add(add(load(t), s), far_s);
+    y[1] = add(d, shl(far_d, 1));
+    y[2] = add(s, shl(far_s, 2));
+    y[3] = add(add(d, shl(far_d, 3)), shl(load(t + 5 * step), 2));
+}
+
+/* The first direction: four values in place of the six sums of each column. */
+LULL_INLINE void make_columns(int32_t *m, size_t plane)
+{
+    for (unsigned x = 0; x < 6; x++, m += plane) {
+        vec y[4];
+        make_pixels(y, m, 6 * plane);
+        for (unsigned i = 0; i < 4; i++)
+            save(m + 6 * i * plane, y[i]);
+    }
+}
+
+/* The second direction: sums of the four pixels of a row. */
+LULL_INLINE void make_row(vec *a, const lull_patches *image, const int32_t *m, unsigned is_wide)
+{
+    size_t plane = image->plane;
+    vec y[4];
+    make_pixels(y, m, plane);
+    for (unsigned i = 0; i < 4; i++)
+        a[i] = exact(y[i]);
+    if (!is_wide)
+        return;
+    make_pixels(y, m + LULL_PATCH_POINTS * plane, plane);
+    for (unsigned i = 0; i < 4; i++)
+        a[i] = shift(add(add(shl(a[i], 8), exact(y[i])), splat_int(1 << image->shift >> 1)),
+                     image->shift);
+}
+
+/* LANES outputs of a patch: its sums at m; `at`: place of its first pixel in the rows, in bytes. */
+LULL_INLINE void patch_out(const lull_patches *image, const scales *s, int32_t *m, size_t at,
+                           unsigned is_wide)
+{
+    size_t plane = image->plane, pixel = image->channels * (image->out_max <= 255 ? (size_t)1 : 2);
+    make_columns(m, plane);
+    if (is_wide)
+        make_columns(m + LULL_PATCH_POINTS * plane, plane);
+    if (!image->is_pooled) {
+        for (unsigned y = 0; y < 4; y++) {
+            vec a[4];
+            make_row(a, image, m + 6 * y * plane, is_wide);
+            put(s, image->out[y] + at, image->out[y] + at + 2 * pixel, pixel, a);
+        }
+        return;
+    }
+    vec a[8], most4[4];
+    for (unsigned y = 0; y < 2; y++) {
+        make_row(a, image, m + 12 * y * plane, is_wide);
+        make_row(a + 4, image, m + (12 * y + 6) * plane, is_wide);
+        most4[2 * y] = most(most(a[0], a[1]), most(a[4], a[5]));
+        most4[2 * y + 1] = most(most(a[2], a[3]), most(a[6], a[7]));
+    }
+    put(s, image->out[0] + at, image->out[1] + at, pixel, most4);
+}
+
+LULL_INLINE void patches_out(const lull_patches *image, unsigned is_wide)
+{
+    size_t size = image->out_max <= 255 ? 1 : 2;
+    size_t width = image->channels * (image->is_pooled ? 2u : LULL_PATCH_SIDE) * size;
+    for (unsigned c = 0; c < image->channels; c += LANES) {
+        int32_t *m = image->sums + c;
+        size_t at = c * size;
+        scales s;
+        scales_init(&s, image, c);
+        for (unsigned p = 0; p < image->patches; p++, m += image->channels, at += width)
+            patch_out(image, &s, m, at, is_wide);
+    }
+}
+
+void OUT(const lull_patches *image)
+{
+    if (image->is_wide)
+        patches_out(image, 1);
+    else
+        patches_out(image, 0);
+}

@@ -1,0 +1,271 @@
+/* Part of conform.c: integer layers in patches, by the matrices of docs/arithmetic.md. */
+#ifndef LULL_TESTS_PATCH_CASES_H
+#define LULL_TESTS_PATCH_CASES_H
+
+static int whole(double v) { return (int)v; }
+
+/* Codes of n elements; at odd rounds the pattern's extremes in an order by chance. */
+static void fill_codes(uint8_t *row, size_t n, int is_wide)
+{
+    for (size_t i = 0; i < n; i++) {
+        int32_t high = is_wide ? 32767 : 255;
+        int32_t code = now.pattern == CASES_MIN     ? 0
+                       : now.pattern == CASES_MAX   ? high
+                       : now.pattern == CASES_PAIRS ? (guard_below(2) ? high : 0)
+                       : now.pattern == CASES_ALTERNATING
+                           ? (i & 1 ? high : 0)
+                           : guard_between(0, high);
+        uint16_t wide = (uint16_t)code;
+        if (is_wide)
+            memcpy(row + 2 * i, &wide, 2);
+        else
+            row[i] = (uint8_t)code;
+    }
+}
+
+/* Point k of patch p and channel c by definition, of codes or of the bytes of wide ones. */
+static int patch_point(const lull_patches *w, unsigned k, unsigned part, unsigned p, unsigned c)
+{
+    int sum = 0;
+    for (unsigned y = 0; y < 6; y++)
+        for (unsigned x = 0; x < 6; x++) {
+            size_t at = ((size_t)4 * p + x) * w->channels + c;
+            uint16_t code = w->row[y][w->is_wide ? 2 * at : at];
+            if (w->is_wide)
+                memcpy(&code, w->row[y] + 2 * at, 2);
+            if (w->is_wide)
+                code = part ? code & 255 : code >> 8;
+            sum += whole(in_columns[k / 6][y]) * whole(in_columns[k % 6][x]) * code;
+        }
+    return sum;
+}
+
+/* Compares every word of the buffer: points, and what lies between and was not to be written. */
+static int patch_points_agree(const lull_patches *w, size_t words)
+{
+    for (size_t i = 0; i < words; i++) {
+        unsigned k = (unsigned)(i / w->plane), at = (unsigned)(i % w->plane);
+        int want;
+        if (at >= w->patches * w->channels) {
+            if (memcmp(w->points + i, before + 2 * i, 2) != 0)
+                return 0;
+            continue;
+        }
+        want = patch_point(w, k % 36, k / 36, at / w->channels, at % w->channels);
+        if (w->points[i] != want || (!now.is_scalar && ((int16_t *)(void *)expected)[i] != want)) {
+            printf("  point %u at %u is %d, not %d\n", k, at, w->points[i], want);
+            return 0;
+        }
+    }
+    return 1;
+}
+
+static void patches_in_case(unsigned channels, unsigned patches, int is_wide)
+{
+    lull_patches w;
+    size_t elements = ((size_t)4 * patches + 2) * channels, words;
+    int at_end = guard_below(2) != 0;
+    memset(&w, 0, sizeof w);
+    w.channels = channels;
+    w.patches = patches;
+    w.is_wide = is_wide;
+    w.plane = (size_t)channels * patches + guard_below(20);
+    for (unsigned y = 0; y < 6; y++) {
+        uint8_t *row = guard_place(GUARD_ROW + y, elements << is_wide, at_end);
+        fill_codes(row, elements, is_wide);
+        w.row[y] = row;
+    }
+    words = (LULL_PATCH_POINTS * (is_wide ? 2 : 1) - 1) * w.plane + (size_t)channels * patches;
+    if (!now.is_scalar) {
+        w.points = (int16_t *)(void *)expected;
+        now.scalar.patches_in(&w);
+    }
+    w.points = guard_place(GUARD_OUT, words * 2, at_end);
+    memcpy(w.points, before, words * 2);
+    now.port->patches_in(&w);
+    now.cases++;
+    if (!CHECK(patch_points_agree(&w, words)))
+        printf("  with %u channels, %u patches%s\n", channels, patches, is_wide ? ", wide" : "");
+}
+
+static void patches_in_cases(void)
+{
+    for (unsigned channels = 16; channels <= 144; channels += LULL_PATCH_CHANNELS)
+        for (int is_wide = 0; is_wide < 2; is_wide++)
+            for (unsigned round = 0; round < ROUNDS; round++)
+                patches_in_case(channels, 1 + guard_below(6), is_wide);
+}
+
+static int16_t word_value(size_t i)
+{
+    return (int16_t)(now.pattern == CASES_MIN           ? -32768
+                     : now.pattern == CASES_MAX         ? 32767
+                     : now.pattern == CASES_ALTERNATING ? (i & 1 ? -32768 : 32767)
+                                                        : guard_between(-32768, 32767));
+}
+
+/* Products at a point, with the widest words there are: sums wrap. */
+static void points_int_case(unsigned outputs, unsigned pixels, unsigned pairs)
+{
+    lull_conv conv;
+    lull_segment *segment = &conv.segment[0];
+    unsigned block = now.port->block_int;
+    size_t blocked = lull_align_up(outputs, block), out_bytes;
+    int at_end = guard_below(2) != 0;
+    int16_t *x, *w;
+    uint32_t *out;
+    memset(&conv, 0, sizeof conv);
+    conv.outputs = outputs;
+    conv.pixels = pixels;
+    conv.segments = 1;
+    conv.out_step = outputs + guard_below(9);
+    segment->length = pairs;
+    segment->step = pairs + guard_below(5);
+    x = guard_place(GUARD_ROW, ((size_t)(pixels - 1) * segment->step + pairs) * 4, at_end);
+    w = guard_place(GUARD_WEIGHTS, blocked * pairs * 4, at_end);
+    for (size_t i = 0; i < 2 * ((size_t)(pixels - 1) * segment->step + pairs); i++)
+        x[i] = word_value(i);
+    for (size_t i = 0; i < blocked * pairs * 2; i++)
+        w[i] = word_value(i / 3);
+    out_bytes = ((pixels - 1) * conv.out_step + outputs) * 4;
+    out = guard_place(GUARD_OUT, out_bytes, at_end);
+    memcpy(out, before, out_bytes);
+    segment->row = x;
+    segment->weights = w;
+    conv.out = out;
+    now.port->points_int(&conv);
+    now.cases++;
+    for (size_t p = 0; p < pixels; p++)
+        for (size_t o = 0; o < conv.out_step && p * conv.out_step + o < out_bytes / 4; o++) {
+            uint32_t want;
+            memcpy(&want, before + 4 * (p * conv.out_step + o), 4);
+            if (o < outputs)
+                want = 0;
+            for (size_t k = 0; k < 2 * (size_t)pairs && o < outputs; k++)
+                want += (uint32_t)(x[p * segment->step * 2 + k] *
+                                   w[((o / block * pairs + k / 2) * block + o % block) * 2 + k % 2]);
+            if (!CHECK(out[p * conv.out_step + o] == want)) {
+                printf("  output %u of %u, pixel %u of %u, %u pairs\n", (unsigned)o, outputs,
+                       (unsigned)p, pixels, pairs);
+                return;
+            }
+        }
+}
+
+static void points_int_cases(void)
+{
+    for (unsigned pixels = 1; pixels <= MAX_PIXELS; pixels++)
+        points_int_case(1 + guard_below(129), pixels, 1 + guard_below(40));
+    for (unsigned outputs = 1; outputs <= 8 * now.port->block_int + 1; outputs++)
+        points_int_case(outputs, 1 + guard_below(MAX_PIXELS), 1 + guard_below(20));
+}
+
+/* The sum of products of pixel (x, y) of a patch, by definition. */
+static int32_t patch_pixel(const int32_t *sums, size_t plane, unsigned x, unsigned y)
+{
+    uint32_t sum = 0;
+    for (unsigned k = 0; k < LULL_PATCH_POINTS; k++) {
+        int last = k / 6 == 5 ? 4 : 1, factor = whole(out_columns[y][k / 6]) * last;
+        factor *= whole(out_columns[x][k % 6]) * (k % 6 == 5 ? 4 : 1);
+        sum += (uint32_t)factor * (uint32_t)sums[k * plane];
+    }
+    return (int32_t)(sum * LULL_PATCH_INVERSE) >> LULL_PATCH_SHIFT;
+}
+
+static double patch_code(const lull_patches *w, const int32_t *sums, unsigned x, unsigned y,
+                         unsigned c)
+{
+    double a = patch_pixel(sums, w->plane, x, y), q;
+    if (w->is_wide) {
+        a = 256 * a + patch_pixel(sums + LULL_PATCH_POINTS * w->plane, w->plane, x, y);
+        a = floor((a + (1 << w->shift >> 1)) / (1 << w->shift));
+    }
+    q = floor(((a + w->bias[c]) * w->multiplier[c] + (1 << 30)) / 2147483648.0);
+    return q < 0 ? 0 : q > w->out_max ? w->out_max : q;
+}
+
+static int patch_codes_agree(const lull_patches *w, const int32_t *sums)
+{
+    unsigned columns = w->is_pooled ? 2 : 4, n = w->channels, is_byte = w->out_max <= 255;
+    for (unsigned y = 0; y < columns; y++)
+        for (unsigned x = 0; x < columns * w->patches; x++)
+            for (unsigned c = 0; c < n; c++) {
+                size_t at = (size_t)x * n + c;
+                const int32_t *of = sums + x / columns * n + c;
+                uint16_t got = w->out[y][is_byte ? at : 2 * at];
+                double want = 0;
+                if (!is_byte)
+                    memcpy(&got, w->out[y] + 2 * at, 2);
+                for (unsigned i = 0; i < (w->is_pooled ? 4u : 1u); i++)
+                    want = fmax(want, w->is_pooled ? patch_code(w, of, x % 2 * 2 + (i & 1),
+                                                                2 * y + (i >> 1), c)
+                                                   : patch_code(w, of, x % 4, y, c));
+                if (got != want) {
+                    printf("  row %u, column %u, channel %u is %u, not %g\n", y, x, c, got, want);
+                    return 0;
+                }
+            }
+    return 1;
+}
+
+/* Sums at points by chance: those of wide codes so small that a stays in int32, those of small ones
+ * so that a float holds it. Multipliers are so short that doubles hold the products. */
+static void make_sums(lull_patches *w, int32_t *sums, int32_t *bias, int32_t *multiplier)
+{
+    size_t n = LULL_PATCH_POINTS * (w->is_wide ? 2 : 1) * w->plane;
+    for (size_t i = 0; i < n; i++) {
+        int32_t most = w->is_wide ? 512 * 576 : w->is_small ? 100 * 576 : INT32_MAX;
+        int32_t sum = now.pattern == CASES_MIN   ? -most
+                      : now.pattern == CASES_MAX ? most
+                                                 : guard_between(-most, most);
+        sums[i] = w->is_wide || w->is_small ? sum / 576 * 576 : sum;
+    }
+    for (unsigned c = 0; c < w->channels; c++) {
+        bias[c] = guard_between(-100000, 100000);
+        multiplier[c] = guard_between(0, (1 << (2 + guard_below(19))) - 1) << guard_below(5);
+    }
+    w->bias = bias;
+    w->multiplier = multiplier;
+}
+
+static void patches_out_case(unsigned channels, unsigned patches, int is_wide, int is_pooled)
+{
+    static const int32_t maxima[] = {255, 255, 100, 32767, 1000};
+    lull_patches w;
+    size_t points, row_bytes;
+    int at_end = guard_below(2) != 0;
+    int32_t *sums, *kept = (int32_t *)(void *)expected;
+    memset(&w, 0, sizeof w);
+    w.channels = channels;
+    w.patches = patches;
+    w.is_wide = is_wide;
+    w.is_pooled = is_pooled;
+    w.is_small = (int)guard_below(2);
+    w.shift = is_wide ? guard_below(16) : 0;
+    w.out_max = maxima[guard_below(5)];
+    w.plane = (size_t)channels * patches + guard_below(20);
+    points = LULL_PATCH_POINTS * (is_wide ? 2 : 1) * w.plane;
+    sums = guard_place(GUARD_WEIGHTS, points * sizeof *sums, at_end);
+    make_sums(&w, sums, guard_place(GUARD_BIAS, channels * sizeof(int32_t), at_end),
+              guard_place(GUARD_MULTIPLIER, channels * sizeof(int32_t), at_end));
+    memcpy(kept, sums, points * sizeof *sums);
+    row_bytes = (size_t)(is_pooled ? 2 : 4) * patches * channels * (w.out_max <= 255 ? 1 : 2);
+    for (unsigned y = 0; y < (is_pooled ? 2u : 4u); y++)
+        w.out[y] = guard_place(GUARD_ROW + y, row_bytes, at_end);
+    w.sums = sums;
+    now.port->patches_out(&w);
+    now.cases++;
+    if (!CHECK(patch_codes_agree(&w, kept)))
+        printf("  with %u channels, %u patches%s%s%s, shift %u, maximum %ld\n", channels, patches,
+               is_wide ? ", wide" : "", is_pooled ? ", pooled" : "", w.is_small ? ", small" : "",
+               w.shift, (long)w.out_max);
+}
+
+static void patches_out_cases(void)
+{
+    for (unsigned channels = 16; channels <= 144; channels += LULL_PATCH_CHANNELS)
+        for (unsigned kind = 0; kind < 4 * ROUNDS; kind++)
+            patches_out_case(channels, 1 + guard_below(6), kind & 1, kind >> 1 & 1);
+}
+
+#endif
