@@ -19,9 +19,9 @@ LR_PER_SAMPLE_DEFAULT = 3.125e-6
 # Defaults that follow from the family of the model; U's are Open Image Denoise's.
 BY_FAMILY = {
     "U": {"batch_size": 16, "tile_size": 256, "loss": "l1_msssim", "learning_rate_warmup": 0.15,
-          "grad_clip": 0.0, "drop_features": 0.0, "clip": 0.0},
+          "grad_clip": 0.0, "drop_features": 0.0, "clip": 0.0, "optimizer": "adam"},
     "K": {"batch_size": 4, "tile_size": 128, "loss": "l1_grad", "learning_rate_warmup": 0.05,
-          "grad_clip": 1.0, "drop_features": 0.3, "clip": 0.12}}
+          "grad_clip": 1.0, "drop_features": 0.3, "clip": 0.12, "optimizer": "muon"}}
 KERNEL_LR = 1e-3  # family K's largest learning rate, times the root of the batch size
 METRICS = ("psnr", "mse", "ssim", "msssim", "flip")
 POSITIONAL = {"features": 0, "target": 0, "input": 1, "images": 2}  # 0: may be missing
@@ -81,7 +81,8 @@ OPTIONS = (
     _o("--num_epochs --epochs -e", "PTIX", {"T": 2000}, "epochs to train, or checkpoint", **INT),
     _o("--num_valid_epochs --valid_epochs", "T", 10, "validate every n epochs", **INT),
     _o("--num_save_epochs --save_epochs", "T", 10, "save a checkpoint every n epochs", **INT),
-    _o("--optimizer", "TL", "adam", "adam, or muon, which needs fewer steps", choices=OPTIMIZERS),
+    _o("--optimizer", "TL", None, "adam, or muon, which needs fewer steps",
+       choices=OPTIMIZERS),
     _o("--learning_rate --lr", "TL", {"L": 1e-8}, "initial learning rate", **FLOAT),
     _o("--max_learning_rate --max_lr", "TL", {"L": 0.1}, "largest learning rate", **FLOAT),
     _o("--learning_rate_warmup --lr_warmup", "T", None, "share of the cycle that rises", **FLOAT),
