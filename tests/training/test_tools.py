@@ -308,18 +308,6 @@ def test_evaluation_report(raw, results, work, capsys):
     assert {f["set"] for f in figures} == {"pictures", "held out of train"}
 
 
-def test_inputs_of_less_noise(results, raw, work, capsys):
-    """--as_spp: inputs like those of more samples, a quarter of the noise for 16 times as many."""
-    export.main(["-r", "a", "-R", str(results), "-o", "a.tza"])
-    capsys.readouterr()
-    args = ["a.tza=hdr,alb,nrm", "--images", str(raw / "valid"), "--no_oidn", "--metric", "psnr"]
-    evaluate.main([*args, "--spp", "4", "--json", "as4.json"])
-    evaluate.main([*args, "--spp", "4", "--as_spp", "64", "--json", "as64.json"])
-    for a, b in zip(*(json.loads(Path(f).read_text()) for f in ("as4.json", "as64.json"))):
-        assert a["case"] == b["case"]
-        assert 9 < b["noisy"]["psnr"] - a["noisy"]["psnr"] < 16  # 12 dB where nothing is clipped
-
-
 @pytest.mark.skipif(peer.find_binary() is None, reason="optional: pyoidn is not installed")
 def test_the_real_oidn_gives_the_same_picture(results, work):
     export.main(["-r", "a", "-R", str(results), "-o", "a.tza"])
