@@ -57,7 +57,7 @@ class Stepper:
         self.settings = settings
         self.format = torch.contiguous_format if plain else torch.channels_last
         self.model = make_model(settings).to(memory_format=self.format)
-        params = self.model.parameters(), settings.max_learning_rate
+        params = list(self.model.parameters()), settings.max_learning_rate
         self.optimizer = Optimizer(*params)
         if plain:
             self.optimizer.parts = [torch.optim.Adam(*params)]

@@ -45,6 +45,12 @@ def relu_comes_along(kind: torch.dtype) -> bool:
     return kind != torch.bfloat16 or torch.ops.mkldnn._is_mkldnn_bf16_supported()
 
 
+def on_tiles(kind: torch.dtype, parameters: tuple[Tensor, ...]) -> bool:
+    """Whether the convolutions of csrc/amx.h serve."""
+    return (kind == torch.bfloat16 and all(p.dtype == torch.float32 for p in parameters)
+            and fused.module().has_tiles())
+
+
 def convolve(x: Tensor, weight: Tensor, bias: Tensor, pad: int) -> Tensor:
     """With ReLU behind 3x3 kernels."""
     if not relu_comes_along(x.dtype):
@@ -60,7 +66,9 @@ class Trunk(torch.autograd.Function):
     @staticmethod
     def forward(ctx, convs: list[Conv], x: Tensor, *parameters: Tensor):
         kind, ops = arithmetic(x), fused.module()
-        kept = ops.cast([p.detach() for p in parameters], kind)
+        tiles = on_tiles(kind, parameters)
+        kept = [p.detach() for p in parameters]
+        kept = kept if tiles else ops.cast(kept, kind)
         values = {"input": x.to(kind).contiguous(memory_format=torch.channels_last)}
         inputs, results = [], []
         for i, conv in enumerate(convs):
@@ -70,10 +78,12 @@ class Trunk(torch.autograd.Function):
             elif conv.up:
                 y = F.interpolate(y, scale_factor=2, mode="nearest")
             inputs.append(y)
-            y = convolve(y, *kept[2 * i:2 * i + 2], conv.pad)
+            weight, bias = kept[2 * i:2 * i + 2]
+            y = (ops.convolve(y, weight, bias, conv.pad > 0) if tiles
+                 else convolve(y, weight, bias, conv.pad))
             results.append(y.contiguous(memory_format=torch.channels_last))
             values[conv.name] = ops.pool(results[-1]) if conv.pool else results[-1]
-        ctx.convs, ctx.kind = convs, x.dtype
+        ctx.convs, ctx.kind, ctx.tiles = convs, x.dtype, tiles
         ctx.channels = {name: value.shape[1] for name, value in values.items()}
         ctx.save_for_backward(*inputs, *results, *kept)
         return tuple(y for y, conv in zip(results, convs) if not conv.pad)
@@ -89,9 +99,11 @@ class Trunk(torch.autograd.Function):
             else:
                 g = heads.pop().to(y.dtype).contiguous(memory_format=torch.channels_last)
             wanted = conv.source != "input" or ctx.needs_input_grad[1]
-            gx, *grads[2 * i:2 * i + 2] = torch.ops.aten.convolution_backward(
-                g, x, weight, [len(weight)], [1, 1], [conv.pad] * 2, [1, 1], False, [0, 0], 1,
-                [wanted, True, True])
+            gx, *grads[2 * i:2 * i + 2] = (
+                ops.convolve_backward(g, x, weight, wanted) if ctx.tiles
+                else torch.ops.aten.convolution_backward(
+                    g, x, weight, [len(weight)], [1, 1], [conv.pad] * 2, [1, 1], False, [0, 0], 1,
+                    [wanted, True, True]))
             if wanted:
                 gx = gx.contiguous(memory_format=torch.channels_last)
                 uses[conv.source].append((gx, 0))

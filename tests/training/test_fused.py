@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from training import color, fused, kernel_filter, kernel_net, loss, nets, pointwise
+from training import color, fused, kernel_filter, kernel_net, loss, nets, pointwise, trunk
 
 
 @pytest.fixture(autouse=True)
@@ -115,16 +115,21 @@ def test_numbers_that_are_none_come_through(both):
     assert pointwise.to_codes("pu", a, 1e-6, 65504.0).isnan().sum() == 1
 
 
-@pytest.mark.parametrize("kind", [torch.float, torch.bfloat16, torch.double], ids=str)
+@pytest.mark.parametrize("kind, tiles", [(torch.float, False), (torch.double, False),
+                                         (torch.bfloat16, False), (torch.bfloat16, True)], ids=str)
 @pytest.mark.parametrize("model", ["k8", "k12", "k16"])  # widths on both sides of a vector's lanes
-def test_trunk(both, model, kind):
+def test_trunk(both, monkeypatch, model, kind, tiles):
+    if tiles and not fused.module().has_tiles():
+        pytest.skip("optional: no AMX")
+    if not tiles:
+        monkeypatch.setattr(trunk, "on_tiles", lambda kind, parameters: False)
     torch.manual_seed(1)
     low = kind == torch.bfloat16
     net = nets.build(model, 0).to(torch.float if low else kind)
     x = torch.rand(2, 12, 32, 48, dtype=torch.float if low else kind, requires_grad=True)
     to = [torch.randn(2, c, 32 >> s, 48 >> s) for s, c in enumerate(kernel_net.HEAD_WIDTHS)]
 
-    def run():
+    def run(low=low):
         with torch.autocast("cpu", torch.bfloat16, enabled=low):
             heads = net.trunk(x)
         total = sum((q * t).sum() for q, t in zip(heads, to))
@@ -132,9 +137,54 @@ def test_trunk(both, model, kind):
 
     (heads, grads), (plain, plain_grads) = both(run)
     assert type(heads[0].grad_fn).__name__ == "TrunkBackward"
+    if tiles:  # whose biases are not rounded to bf16: as near to fp32 as PyTorch's in bf16
+        exact, exact_grads = run(low=False)
+        for a, b, c in zip((*heads, *grads), (*plain, *plain_grads), (*exact, *exact_grads)):
+            assert a.dtype == b.dtype and a.shape == b.shape
+            assert (a - c).norm() <= 1.5 * (b - c).norm() + 1e-3 * c.norm()
+        return
     share = {torch.double: 1e-12, torch.float: 1e-5, torch.bfloat16: 0.03}[kind]
     for a, b in zip((*heads, *grads), (*plain, *plain_grads), strict=True):
         close(a, b, share)
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+@pytest.mark.parametrize("n, c, h, w, o, k", [
+    (4, 12, 16, 48, 16, 3), (2, 40, 9, 70, 16, 3), (3, 16, 40, 33, 52, 1), (2, 5, 9, 37, 7, 3),
+    (1, 3, 4, 4, 1, 3), (2, 24, 35, 16, 56, 3), (3, 33, 5, 17, 18, 1), (1, 64, 8, 8, 27, 1)])
+def test_convolutions_on_tiles(n, c, h, w, o, k, threads):
+    """Of any size: bf16 results to their last bit but one, sums of gradients to fp32's."""
+    ops, last = fused.module(), {"memory_format": torch.channels_last}
+    if not ops.has_tiles():
+        pytest.skip("optional: no AMX")
+    torch.manual_seed(h)
+    x, g = (torch.randn(n, i, h, w).bfloat16().contiguous(**last) for i in (c, o))
+    weight = (torch.randn(o, c, k, k) / (c * k * k) ** 0.5).bfloat16().float()
+    bias = torch.randn(o)
+    before = torch.get_num_threads()
+    try:
+        torch.set_num_threads(threads)
+        got = [ops.convolve(x, weight, bias, relu) for relu in (False, True)]
+        got += ops.convolve_backward(g, x, weight.contiguous(**last), True)
+    finally:
+        torch.set_num_threads(before)
+    plain = torch.nn.functional.conv2d(x.double(), weight.double(), bias.double(), padding=k // 2)
+    wanted = [plain, plain.relu(), *torch.ops.aten.convolution_backward(
+        g.double(), x.double(), weight.double(), [o], [1, 1], [k // 2] * 2, [1, 1], False, [0, 0],
+        1, [True, True, True])]
+    for a, b, share in zip(got, wanted, [2**-8] * 3 + [1e-5] * 2, strict=True):
+        close(a.double(), b, share)
+    assert ops.convolve_backward(g, x, weight, False)[0] is None
+
+
+def test_numbers_that_are_none_come_through_tiles():
+    ops, x = fused.module(), torch.zeros(1, 16, 8, 40).bfloat16()
+    if not ops.has_tiles():
+        pytest.skip("optional: no AMX")
+    x[0, 3, 4, 33] = torch.nan
+    x = x.contiguous(memory_format=torch.channels_last)
+    out = ops.convolve(x, torch.ones(2, 16, 3, 3), torch.zeros(2), True)
+    assert out[0, :, 3:6, 32:35].isnan().all() and not out[0, :, :3].isnan().any()
 
 
 def test_pooling_gives_its_gradient_to_the_first_of_equal_pixels():

@@ -1,7 +1,9 @@
 // PyTorch's view of the operations in the headers beside it. CPU only; tensors of images are
 // contiguous, those of the trunk and heads channels-last.
+#include <memory>
 #include <torch/extension.h>
 
+#include "amx.h"
 #include "kernel_filter.h"
 #include "pointwise.h"
 #include "trunk.h"
@@ -264,6 +266,90 @@ Tensor relu_backward(Tensor y, bool pooled, std::vector<Tensor> gradients,
     return out;
 }
 
+// Convolutions of bf16 images on tiles; weights and biases in fp32.
+bool has_tiles()
+{
+#ifdef LULL_AMX
+    return amx::usable();
+#else
+    return false;
+#endif
+}
+
+#ifdef LULL_AMX
+amx::Shape shape(const Tensor &x, const Tensor &weight)
+{
+    TORCH_CHECK(x.is_contiguous(kLast) && x.scalar_type() == at::kBFloat16 &&
+                    x.size(1) == weight.size(1) && weight.scalar_type() == at::kFloat &&
+                    weight.size(2) == weight.size(3) &&
+                    (weight.size(2) == 1 || weight.size(2) == 3),
+                "bf16 images, kernels of 1x1 or 3x3");
+    return {x.size(2), x.size(3), x.size(1), weight.size(0), weight.size(2)};
+}
+amx::Half *halves(const Tensor &t, int64_t image)
+{
+    return (amx::Half *)t.data_ptr<at::BFloat16>() + image * t.stride(0);
+}
+const float *floats(const Tensor &t) { return t.data_ptr<float>(); }
+
+// Of a layer, or of gradients on their way back, for which weights are packed in another way.
+Tensor tiled(const Tensor &x, const amx::Memory<amx::Half> &packed, const float *bias, bool relu,
+             const amx::Shape &s)
+{
+    constexpr int64_t kRows = 32; // of a piece of work
+    const int64_t pieces = (s.h + kRows - 1) / kRows;
+    Tensor out = torch::empty({x.size(0), s.out, s.h, s.w}, x.options(), kLast);
+    at::parallel_for(0, x.size(0) * pieces, 1, [&](int64_t begin, int64_t end) {
+        const amx::Tiles tiles;
+        for (int64_t i = begin; i < end; i++) {
+            const int64_t n = i / pieces, y = i % pieces * kRows;
+            amx::convolve(halves(x, n), packed, bias, relu, s, y, std::min(y + kRows, s.h),
+                          halves(out, n));
+        }
+    });
+    return out;
+}
+#endif
+
+Tensor convolve(Tensor x, Tensor weight, Tensor bias, bool relu)
+{
+#ifdef LULL_AMX
+    const amx::Shape s = shape(x, weight);
+    weight = weight.contiguous(kLast);
+    return tiled(x, amx::pack(floats(weight), s), floats(bias), relu, s);
+#else
+    TORCH_CHECK(false, "no tiles");
+#endif
+}
+
+// Gradients of x (if wanted), weight and bias.
+std::vector<Tensor> convolve_backward(Tensor g, Tensor x, Tensor weight, bool wanted)
+{
+#ifdef LULL_AMX
+    const amx::Shape s = shape(x, weight), back{s.h, s.w, s.out, s.in, s.k};
+    weight = weight.contiguous(kLast);
+    TORCH_CHECK(g.is_contiguous(kLast) && g.scalar_type() == at::kBFloat16, "bf16 gradients");
+    Tensor gx;
+    if (wanted)
+        gx = tiled(g, amx::pack_backward(floats(weight), back), nullptr, false, back);
+    const int64_t count = x.size(0), threads = at::get_num_threads();
+    std::vector<std::unique_ptr<amx::Gradients>> parts(count); // by the first image of each
+    at::parallel_for(0, count, (count + threads - 1) / threads, [&](int64_t begin, int64_t end) {
+        const amx::Tiles tiles;
+        parts[begin] = std::make_unique<amx::Gradients>(s);
+        for (int64_t n = begin; n < end; n++)
+            parts[begin]->run(halves(x, n), halves(g, n));
+    });
+    Tensor gw = torch::zeros_like(weight), gb = torch::zeros({s.out}, weight.options());
+    for (const auto &part : parts)
+        if (part)
+            part->give(gw.data_ptr<float>(), gb.data_ptr<float>());
+    return {gx, gw, gb};
+#else
+    TORCH_CHECK(false, "no tiles");
+#endif
+}
+
 } // namespace
 
 PYBIND11_MODULE(TORCH_EXTENSION_NAME, m)
@@ -279,4 +365,7 @@ PYBIND11_MODULE(TORCH_EXTENSION_NAME, m)
     m.def("join", &join);
     m.def("cast", &cast);
     m.def("relu_backward", &relu_backward);
+    m.def("has_tiles", &has_tiles);
+    m.def("convolve", &convolve);
+    m.def("convolve_backward", &convolve_backward);
 }

@@ -114,12 +114,14 @@ template <typename Q, typename T> struct Image {
     void logits(int level, int64_t y, int channel, T *to) const
     {
         const Q *q = b.heads[level] + at(level, y) + channel;
+#pragma GCC ivdep
         for (int64_t x = 0; x < t.levels[level].v.w; x++)
             to[x] = k.codes.logit(T(q[x * b.channels[level]]));
     }
     void logits_backward(int level, int64_t y, int channel, const T *from) const
     {
         const int64_t q = at(level, y) + channel, c = b.channels[level];
+#pragma GCC ivdep
         for (int64_t x = 0; x < t.levels[level].v.w; x++)
             b.gradients[level][q + x * c] =
                 Q(k.codes.passed(T(b.heads[level][q + x * c]), from[x]));
@@ -138,6 +140,7 @@ template <typename Q, typename T> struct Image {
         for (int c = 0; c < 3; c++) {
             const T *s = t.sums.row(c + 1, y), *r = plane(b.radiance, c, y);
             T *smooth = t.smooth.row(c, y), *i = t.levels[0].v.row(c + 1, y);
+#pragma GCC ivdep
             for (int64_t x = 0; x < w; x++) {
                 smooth[x] = has[x] * s[x] / sum[x] + T(1 - k.eps) * (1 - has[x]) + T(k.eps);
                 i[x] = std::min(std::max(r[x], T(0)), T(k.radiance_max)) / smooth[x];
@@ -153,8 +156,10 @@ template <typename Q, typename T> struct Image {
         for (int j = 0; j < kPlanes; j++) {
             const T *p = fine.row(j, 2 * y), *q = fine.row(j, 2 * y + 1), *sum = v.row(0, y);
             T *to = v.row(j, y);
+#pragma GCC ivdep
             for (int64_t x = 0; x < v.w; x++)
                 to[x] = p[2 * x] + p[2 * x + 1] + q[2 * x] + q[2 * x + 1];
+#pragma GCC ivdep
             for (int64_t x = 0; j && x < v.w; x++)
                 to[x] /= sum[x];
         }
@@ -167,12 +172,14 @@ template <typename Q, typename T> struct Image {
         T *c = l.v.row(0, y), *beta = l.beta.row(0, y);
         logits(level, y, kConfidence, c);
         logits(level, y, kBlend, beta);
+#pragma GCC ivdep
         for (int64_t x = 0; x < l.v.w; x++) {
             c[x] = fast_exp(c[x] + T(k.confidence));
             beta[x] = 1 / (1 + fast_exp(-(beta[x] + T(k.blend))));
         }
         for (int j = 1; j < kPlanes; j++) {
             T *i = l.v.row(j, y);
+#pragma GCC ivdep
             for (int64_t x = 0; x < l.v.w; x++)
                 i[x] *= c[x];
         }
@@ -188,6 +195,7 @@ template <typename Q, typename T> struct Image {
                 const T *low = last ? l.s.row(c + 1, y) : u.up(c, y), *beta = l.beta.row(0, y);
                 const T *s = l.s.row(c + 1, y), *sum = l.s.row(0, y);
                 T *out = l.out.row(c, y);
+#pragma GCC ivdep
                 for (int64_t x = 0; x < l.v.w; x++) {
                     const T f = s[x] / sum[x];
                     out[x] = f + (last ? T(0) : beta[x] * (low[x] - f));
@@ -226,6 +234,7 @@ template <typename Q, typename T> struct Image {
             for (int64_t y = 0; y < h; y++) {
                 const T *out = t.levels[0].out.row(c, y), *smooth = t.smooth.row(c, y);
                 T *to = b.out + ((n * 3 + c) * h + y) * w;
+#pragma GCC ivdep
                 for (int64_t x = 0; x < w; x++)
                     to[x] = out[x] * smooth[x];
             }
@@ -245,6 +254,7 @@ template <typename Q, typename T> struct Image {
             for (int c = 0; c < 3; c++) {
                 const T *s = l.s.row(c + 1, y), *out = l.out.row(c, y), *g = l.gout.row(c, y);
                 T *gs = l.gs.row(c + 1, y), *gu = u.gradient();
+#pragma GCC ivdep
                 for (int64_t x = 0; x < l.v.w; x++) {
                     const T keep = last ? T(1) : 1 - beta[x], inverse = 1 / sum[x];
                     const T f = s[x] * inverse;
@@ -254,6 +264,7 @@ template <typename Q, typename T> struct Image {
                 }
                 if (last)
                     continue;
+#pragma GCC ivdep
                 for (int64_t x = 0; x < l.v.w; x++)
                     gu[x] = g[x] * beta[x];
                 u.down(c, y, l.v.w);
@@ -268,12 +279,14 @@ template <typename Q, typename T> struct Image {
         const Level<T> &fine = t.levels[level], &l = t.levels[level + 1];
         const T *p = fine.v.row(0, y & ~1), *q = fine.v.row(0, y | 1), *c = l.v.row(0, y / 2);
         T *inverse = row(kScratch), *g = inverse + t.albedo.stride, *gsum = g + t.albedo.stride;
+#pragma GCC ivdep
         for (int64_t x = 0; x < l.v.w; x++) {
             inverse[x] = 1 / (p[2 * x] + p[2 * x + 1] + q[2 * x] + q[2 * x + 1]);
             gsum[x] = 0;
         }
         const auto spread = [&](int plane, const T *values) {
             T *to = fine.gv.row(plane, y);
+#pragma GCC ivdep
             for (int64_t x = 0; x < l.v.w; x++) { // past an odd width lies the border
                 to[2 * x] += values[x];
                 to[2 * x + 1] += values[x];
@@ -281,6 +294,7 @@ template <typename Q, typename T> struct Image {
         };
         for (int j = 1; j < kPlanes; j++) {
             const T *gi = l.gv.row(j, y / 2), *ci = l.v.row(j, y / 2);
+#pragma GCC ivdep
             for (int64_t x = 0; x < l.v.w; x++) {
                 g[x] = gi[x] * inverse[x];
                 gsum[x] -= g[x] * ci[x] / c[x];
@@ -296,11 +310,13 @@ template <typename Q, typename T> struct Image {
         const Level<T> &l = t.levels[level];
         const T *c = l.v.row(0, y), *gc = l.gv.row(0, y);
         T *logit = row(kScratch);
+#pragma GCC ivdep
         for (int64_t x = 0; x < l.v.w; x++)
             logit[x] = gc[x] * c[x];
         for (int j = 1; j < kPlanes; j++) {
             const T *ci = l.v.row(j, y);
             T *g = l.gv.row(j, y);
+#pragma GCC ivdep
             for (int64_t x = 0; x < l.v.w; x++) {
                 logit[x] += g[x] * ci[x];
                 g[x] *= c[x];
@@ -321,6 +337,7 @@ template <typename Q, typename T> struct Image {
             const T *s = t.sums.row(c + 1, y), *smooth = t.smooth.row(c, y);
             const T *ci = l.v.row(c + 1, y), *gi = l.gv.row(c + 1, y), *g = t.gsmooth.row(c, y);
             T *gs = t.gsums.row(c + 1, y);
+#pragma GCC ivdep
             for (int64_t x = 0; x < w; x++) {
                 const T total = g[x] - gi[x] * ci[x] / (cc[x] * smooth[x]);
                 gs[x] = has[x] * total / sum[x];
@@ -366,6 +383,7 @@ template <typename Q, typename T> struct Image {
                 const T *g = plane(b.gout, c, y), *smooth = t.smooth.row(c, y);
                 const T *out = t.levels[0].out.row(c, y);
                 T *gout = t.levels[0].gout.row(c, y), *gsmooth = t.gsmooth.row(c, y);
+#pragma GCC ivdep
                 for (int64_t x = 0; x < w; x++) {
                     gout[x] = g[x] * smooth[x];
                     gsmooth[x] = g[x] * out[x];
