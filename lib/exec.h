@@ -69,6 +69,11 @@ void lull_exec_winograd(const lull_task *t, unsigned x, unsigned y, unsigned n, 
  * and n, before pooling, are whole patches. */
 void lull_exec_patches(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker);
 
+/* Columns [x, x+n) of row y of layer l from its first source, and `start`, which is the bias with
+ * what the skip adds. */
+void lull_exec_conv(const lull_plan *plan, unsigned l, const int32_t *start, unsigned x, unsigned y,
+                    unsigned n);
+
 /* Columns [x, x+n) of row y of the task's layer, if it is one of the filter. */
 void lull_exec_filter(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker);
 

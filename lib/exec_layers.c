@@ -73,15 +73,16 @@ static void add_skip(lull_conv *conv, const lull_plan *plan, unsigned l, int x, 
                 plan->model->layer[l].weights[LULL_PACK_SKIP + dy]);
 }
 
-/* Columns [x, x+n) of row y of a layer's convolution; x and n even if the source is upsampled. */
-static void conv_row(const lull_plan *plan, unsigned l, uint8_t *out, unsigned x, unsigned y,
-                     unsigned n)
+/* Columns [x, x+n) of row y of a layer's convolution; x and n even if the source is upsampled.
+ * start: NULL, or the bias and what the skip adds, for each pixel. */
+static void conv_row(const lull_plan *plan, unsigned l, uint8_t *out, const int32_t *start,
+                     unsigned x, unsigned y, unsigned n)
 {
     const lull_layer *layer = &plan->model->graph.layer[l];
     const lull_packed_layer *packed = &plan->model->layer[l];
     const lull_kernels *kernels = &plan->model->kernels;
     int is_wide = plan->ring[l + 1].dtype == LULL_DTYPE_U15;
-    int skip_first = layer->source[1] != LULL_TENSOR_NONE && /* wide segments go first */
+    int skip_first = layer->source[1] != LULL_TENSOR_NONE && !start && /* wide segments go first */
                      plan->ring[layer->source[1]].dtype == LULL_DTYPE_U15;
     unsigned phases = lull_layer_is_up(layer) ? 2 : 1;
     void (*kernel)(const lull_conv *) = !plan->model->graph.is_integer ? kernels->conv_f32
@@ -99,16 +100,25 @@ static void conv_row(const lull_plan *plan, unsigned l, uint8_t *out, unsigned x
     conv.outputs = layer->outputs;
     conv.out_step = (size_t)phases * layer->outputs;
     conv.pixels = n / phases;
+    conv.start_step = conv.out_step;
     for (unsigned phase = 0; phase < phases; phase++) {
         conv.out = out + phase * lull_ring_pixel(&plan->ring[l + 1]);
+        conv.start = start ? start + phase * layer->outputs : NULL;
         conv.segments = conv.wide = 0;
         if (skip_first)
             add_skip(&conv, plan, l, (int)(x + phase), (int)y, phases);
         add_source(&conv, plan, l, (int)(x + phase), (int)y);
-        if (!skip_first)
+        if (!skip_first && !start)
             add_skip(&conv, plan, l, (int)(x + phase), (int)y, phases);
         kernel(&conv);
     }
+}
+
+void lull_exec_conv(const lull_plan *plan, unsigned l, const int32_t *start, unsigned x, unsigned y,
+                    unsigned n)
+{
+    uint8_t *out = lull_exec_row(plan, l + 1, y) + x * lull_ring_pixel(&plan->ring[l + 1]);
+    conv_row(plan, l, out, start, x, y, n);
 }
 
 lull_part lull_exec_part(const lull_task *t, unsigned index, unsigned left, unsigned right)
@@ -138,14 +148,14 @@ static void make_conv(const lull_task *t, unsigned x, unsigned y, unsigned n, un
     uint8_t *row, *above, *below;
     size_t pixel = lull_ring_pixel(&plan->ring[t->layer + 1]);
     if (!layer->pool) {
-        conv_row(plan, t->layer, part_at(t, t->layer + 1, x, y, worker), x, y, n);
+        conv_row(plan, t->layer, part_at(t, t->layer + 1, x, y, worker), NULL, x, y, n);
         return;
     }
     row = lull_exec_row(plan, t->layer + 1, y);
     above = (uint8_t *)plan + plan->scratch + plan->scratch_bytes * worker;
     below = above + n * pixel;
-    conv_row(plan, t->layer, above, x, 2 * y, n);
-    conv_row(plan, t->layer, below, x, 2 * y + 1, n);
+    conv_row(plan, t->layer, above, NULL, x, 2 * y, n);
+    conv_row(plan, t->layer, below, NULL, x, 2 * y + 1, n);
     row += x / 2 * pixel;
     if (plan->model->graph.is_integer)
         plan->model->kernels.pool_u8(row, above, below, layer->outputs, n / 2);

@@ -5,7 +5,8 @@
 static void make_points(lull_patches *image, const lull_plan *plan, unsigned l, unsigned x,
                         unsigned y)
 {
-    unsigned tensor = plan->model->graph.layer[l].source[0];
+    const lull_layer *layer = &plan->model->graph.layer[l];
+    unsigned tensor = layer->source[layer->has_patches - 1];
     ptrdiff_t pixel = (ptrdiff_t)lull_ring_pixel(&plan->ring[tensor]);
     image->channels = plan->ring[tensor].channels;
     for (unsigned i = 0; i < 6; i++)
@@ -42,6 +43,27 @@ static void multiply(const lull_patches *in, const lull_patches *out, const lull
     }
 }
 
+/* Where the outputs go: rows of the layer's tensor, or, of a skip, of what its convolution starts
+ * from, after which that is made. */
+static void make_rows(lull_patches *out, const lull_task *t, const lull_points *points, unsigned x,
+                      unsigned y, unsigned n, unsigned worker)
+{
+    const lull_plan *plan = t->plan;
+    const lull_layer *layer = &plan->model->graph.layer[t->layer];
+    const lull_ring *ring = &plan->ring[t->layer + 1];
+    uint8_t *start = (uint8_t *)t->plan + plan->scratch + plan->scratch_bytes * worker +
+                     points->offset[1];
+    size_t row = points->plane[1] * sizeof(int32_t);
+    out->is_raw = layer->has_patches > 1;
+    for (unsigned i = 0; i < LULL_PATCH_SIDE >> layer->pool; i++)
+        out->out[i] = out->is_raw ? start + i * row
+                                  : lull_exec_row(plan, t->layer + 1, y + i) +
+                                        (x >> layer->pool) * lull_ring_pixel(ring);
+    plan->model->kernels.patches_out(out);
+    for (unsigned i = 0; i < LULL_PATCH_SIDE && out->is_raw; i++)
+        lull_exec_conv(plan, t->layer, (const int32_t *)(const void *)out->out[i], x, y + i, n);
+}
+
 void lull_exec_patches(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker)
 {
     const lull_plan *plan = t->plan;
@@ -55,7 +77,7 @@ void lull_exec_patches(const lull_task *t, unsigned x, unsigned y, unsigned n, u
     lull_plan_points(&points, plan, t->layer);
     memset(&in, 0, sizeof in);
     in.patches = n / LULL_PATCH_SIDE;
-    in.is_wide = plan->ring[layer->source[0]].dtype == LULL_DTYPE_U15;
+    in.is_wide = plan->ring[layer->source[layer->has_patches - 1]].dtype == LULL_DTYPE_U15;
     out = in;
     in.points = (int16_t *)(void *)(scratch + points.offset[0]);
     in.plane = points.plane[0];
@@ -70,8 +92,5 @@ void lull_exec_patches(const lull_task *t, unsigned x, unsigned y, unsigned n, u
     out.shift = in.is_wide ? packed->wide_shift : 0;
     out.is_small = packed->is_small;
     out.out_max = ring->dtype == LULL_DTYPE_U15 ? 32767 : 255;
-    for (unsigned i = 0; i < LULL_PATCH_SIDE >> layer->pool; i++)
-        out.out[i] = lull_exec_row(plan, t->layer + 1, y + i) +
-                     (x >> layer->pool) * lull_ring_pixel(ring);
-    plan->model->kernels.patches_out(&out);
+    make_rows(&out, t, &points, x, y, n, worker);
 }

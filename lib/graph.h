@@ -58,7 +58,8 @@ typedef struct lull_layer {
     uint8_t first;       /* the first of them in the weights file: level 0's head is two layers */
     uint8_t is_wide;     /* integer models: the output has 15-bit codes */
     uint8_t is_winograd; /* fp32: computed in Winograd's form, two rows together */
-    uint8_t has_patches; /* integers: packed for patches, too, four rows together */
+    uint8_t has_patches; /* integers: 1 + number of the source that is packed for patches, too, four
+                          * rows together; or 0 */
 } lull_layer;
 
 typedef struct lull_graph {

@@ -49,6 +49,10 @@ typedef struct lull_conv {
     void *out;
     size_t out_step;           /* elements from one output pixel to the next */
     const void *bias;          /* float or int32_t */
+    const int32_t *start; /* conv_int of ports that have patches: NULL, or what stands in the place
+                           * of bias for each pixel, start_step elements from one to the next,
+                           * the last one padded to whole blocks */
+    size_t start_step;
     const int32_t *multiplier; /* integer only, like the next three */
     unsigned wide, wide_shift;
     int32_t out_max;

@@ -301,7 +301,8 @@ static size_t layout(lull_packed_layer *packed, const lull_graph *graph,
         packed->multiplier = lull_append(&total, outputs * 4);
     if (graph->layer[l].has_patches) {
         packed->point_bytes =
-            outputs * sizeof(int16_t) * lull_layer_inputs(graph, &graph->layer[l], 0);
+            outputs * sizeof(int16_t) *
+            lull_layer_inputs(graph, &graph->layer[l], graph->layer[l].has_patches - 1u);
         packed->patches = lull_append(&total, packed->point_bytes * LULL_PATCH_POINTS);
     }
     return total;
@@ -322,8 +323,10 @@ static void pack_layer(lull_model *model, unsigned l, const lull_tza *tza)
     if (layer->is_winograd)
         pack_winograd(model, l, &tensors, lanes);
     if (layer->has_patches)
-        lull_pack_patches((int16_t *)(void *)(base + packed->patches), &tensors.weight,
-                          layer->outputs, lull_layer_inputs(&model->graph, layer, 0), lanes);
+        lull_pack_patches((int16_t *)(void *)(base + packed->patches),
+                          layer->has_patches == 2 ? &tensors.skip : &tensors.weight,
+                          layer->outputs,
+                          lull_layer_inputs(&model->graph, layer, layer->has_patches - 1u), lanes);
     for (unsigned i = 0; i < LULL_PACK_BLOCKS; i++)
         if (describe(&b, &model->graph, l, i, &tensors)) {
             unsigned split = is_split(&b, &model->kernels) ? 2 : 0;
@@ -349,23 +352,25 @@ static void pack_layer(lull_model *model, unsigned l, const lull_tza *tza)
         packed->wide_shift = (unsigned)lull_tza_int(&tensors.shift, 0);
 }
 
-/* Marks the integer layers to pack for patches: those with one source, not upsampled, where patches
- * lie the same in every strip. */
+/* Marks the integer layers to pack for patches, where those lie the same in every strip: layers
+ * with one source, not upsampled, and narrow skips of layers with two. */
 static void choose_patches(lull_graph *graph, const lull_kernels *kernels, const lull_tza *tza)
 {
     for (unsigned l = 0; l < graph->layers; l++) {
         lull_layer *layer = &graph->layer[l];
-        unsigned inputs = lull_layer_inputs(graph, layer, 0);
+        unsigned skip = layer->source[1] != LULL_TENSOR_NONE;
+        unsigned inputs = lull_layer_inputs(graph, layer, skip);
         unsigned step = 1u << (graph->levels - layer->level);
         lull_layer_tensors tensors;
         if (!kernels->has_patches || !graph->is_integer || layer->op != LULL_OP_CONV ||
-            lull_layer_is_up(layer) || layer->source[1] != LULL_TENSOR_NONE ||
+            (skip ? lull_graph_dtype(graph, layer->source[1]) == LULL_DTYPE_U15
+                  : lull_layer_is_up(layer)) ||
             inputs % LULL_PATCH_CHANNELS || layer->outputs % LULL_PATCH_CHANNELS ||
             step % LULL_PATCH_SIDE)
             continue;
         lull_graph_tensors(&tensors, layer, tza);
-        layer->has_patches =
-            (uint8_t)lull_pack_fits_patches(&tensors.weight, layer->outputs, inputs);
+        if (lull_pack_fits_patches(skip ? &tensors.skip : &tensors.weight, layer->outputs, inputs))
+            layer->has_patches = (uint8_t)(1 + skip);
     }
 }
 

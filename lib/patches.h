@@ -29,7 +29,7 @@
  * patches_out makes rows of codes from sums at the points, requantised as conv_int does
  * (kernels.h); it overwrites the sums. With s = y, or 256 y of the high bytes + y of the low bytes:
  * a = ((s + (1 << shift >> 1)) >> shift) + bias. If is_pooled, the 2x2 maxima of rows 0 and 1, and
- * 2 and 3, go to out[0] and out[1]. */
+ * 2 and 3, go to out[0] and out[1]. If is_raw, it stores a itself, as int32_t. */
 typedef struct lull_patches {
     const uint8_t *row[6]; /* in: [column][channel] */
     uint8_t *out[4];       /* out: [column][channel] */
@@ -41,7 +41,7 @@ typedef struct lull_patches {
     int32_t out_max; /* above 255: words are stored */
     size_t plane;
     unsigned channels, patches, shift;
-    int is_wide, is_pooled;
+    int is_wide, is_pooled, is_raw;
     int is_small; /* out: as in lull_conv */
 } lull_patches;
 

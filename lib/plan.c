@@ -223,7 +223,22 @@ unsigned lull_plan_band(const lull_plan *plan)
 static unsigned point_sets(const lull_plan *plan, unsigned l)
 {
     const lull_graph *graph = &plan->model->graph;
-    return lull_graph_dtype(graph, graph->layer[l].source[0]) == LULL_DTYPE_U15 ? 2 : 1;
+    const lull_layer *layer = &graph->layer[l];
+    unsigned tensor = layer->source[layer->has_patches - 1];
+    return lull_graph_dtype(graph, tensor) == LULL_DTYPE_U15 ? 2 : 1;
+}
+
+/* Bytes of source `s`, or of the outputs (2), of a patch of a layer in patches. */
+static size_t patched_bytes(const lull_plan *plan, unsigned l, unsigned s)
+{
+    const lull_graph *graph = &plan->model->graph;
+    const lull_layer *layer = &graph->layer[l];
+    unsigned points = LULL_PATCH_POINTS, source = layer->has_patches - 1u;
+    if (s == 0)
+        return points * lull_layer_inputs(graph, layer, source) * sizeof(int16_t);
+    if (s == 1)
+        points = source ? LULL_PATCH_SIDE * LULL_PATCH_SIDE : 0;
+    return points * layer->outputs * sizeof(int32_t);
 }
 
 /* Bytes of the points of a patch, in Winograd's form or of patches. */
@@ -234,8 +249,8 @@ static size_t patch_bytes(const lull_plan *plan, unsigned l)
     size_t inputs = lull_layer_inputs(graph, layer, 0) + lull_layer_inputs(graph, layer, 1);
     if (layer->is_winograd)
         return LULL_WINOGRAD_POINTS * sizeof(float) * (layer->outputs + inputs);
-    return LULL_PATCH_POINTS * point_sets(plan, l) *
-           (layer->outputs * sizeof(int32_t) + inputs * sizeof(int16_t));
+    return point_sets(plan, l) * (patched_bytes(plan, l, 0) + patched_bytes(plan, l, 2)) +
+           patched_bytes(plan, l, 1);
 }
 
 unsigned lull_plan_chunk(const lull_plan *plan, unsigned l)
@@ -263,18 +278,25 @@ size_t lull_plan_points(lull_points *points, const lull_plan *plan, unsigned l)
 {
     const lull_graph *graph = &plan->model->graph;
     const lull_layer *layer = &graph->layer[l];
-    size_t total = 0, count = LULL_WINOGRAD_POINTS;
+    size_t total = 0;
     size_t patches = lull_min_u(lull_plan_chunk(plan, l), plan->row_width >> layer->level) /
                      LULL_WINOGRAD_COLUMNS;
-    if (!layer->is_winograd)
-        count = LULL_PATCH_POINTS * point_sets(plan, l);
     for (unsigned s = 0; s < 3; s++) {
-        size_t channels = s < 2 ? lull_layer_inputs(graph, layer, s) : layer->outputs;
-        size_t element = s < 2 && !layer->is_winograd ? sizeof(int16_t) : sizeof(float), plane;
-        plane = lull_align_up(patches * channels * element, LULL_ALIGN) | LULL_ALIGN;
-        points->offset[s] = total; /* planes are an odd number of lines */
+        size_t element = sizeof(float), count = LULL_WINOGRAD_POINTS, plane;
+        if (layer->is_winograd) {
+            plane = patches * element *
+                    (s < 2 ? lull_layer_inputs(graph, layer, s) : layer->outputs);
+        } else {
+            element = s == 0 ? sizeof(int16_t) : sizeof(int32_t);
+            count = s == 1 ? LULL_PATCH_SIDE : LULL_PATCH_POINTS;
+            plane = patches * patched_bytes(plan, l, s) / count;
+            count *= s == 1 ? 1 : point_sets(plan, l);
+        }
+        points->offset[s] = total;
+        count = plane ? count : 0;
+        plane = lull_align_up(plane, LULL_ALIGN) | LULL_ALIGN; /* an odd number of lines */
         points->plane[s] = plane / element;
-        total += channels ? count * plane : 0;
+        total += count * plane;
     }
     return total;
 }

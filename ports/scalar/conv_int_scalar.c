@@ -41,11 +41,13 @@ static void pixel(const lull_conv *conv, unsigned block, unsigned p)
     int32_t sum[B] = {0};
     unsigned first = block * B, n = lull_min_u(B, conv->outputs - first), s = 0;
     size_t at = p * conv->out_step + first;
+    const int32_t *start =
+        conv->start ? conv->start + p * conv->start_step : (const int32_t *)conv->bias;
     for (; s < conv->wide; s++)
         add_wide(sum, &conv->segment[s], block, p);
     for (unsigned o = 0; o < B; o++)
         sum[o] = ((sum[o] + (1 << conv->wide_shift >> 1)) >> conv->wide_shift) +
-                 ((const int32_t *)conv->bias)[first + o];
+                 start[first + o];
     for (; s < conv->segments; s++)
         add_narrow(sum, &conv->segment[s], block, p);
     for (unsigned o = 0; o < n; o++)

@@ -110,7 +110,9 @@ static void store(const lull_patches *image, unsigned row, size_t at, unsigned c
     int64_t q = ((int64_t)(a + image->bias[c]) * image->multiplier[c] + (1 << 30)) >> 31;
     q = q < 0 ? 0 : q > image->out_max ? image->out_max : q;
     at = at * image->channels + c;
-    if (image->out_max <= 255)
+    if (image->is_raw)
+        ((int32_t *)(void *)image->out[row])[at] = a + image->bias[c];
+    else if (image->out_max <= 255)
         image->out[row][at] = (uint8_t)q;
     else
         ((uint16_t *)(void *)image->out[row])[at] = (uint16_t)q;

@@ -28,7 +28,8 @@
     a##i = load(start);                \
     B(b##i = load(start + LANES);)     \
     C(c##i = load(start + 2 * LANES);) \
-    D(d##i = load(start + 3 * LANES);)
+    D(d##i = load(start + 3 * LANES);) \
+    start += start_step;
 #define NARROW(i, base, offset)       \
     value = splat((base) + (offset)); \
     DOT_NARROW(a##i, value, v0);      \
@@ -41,11 +42,12 @@
     B(DOT_WIDE(b##i, value, v1);)     \
     C(DOT_WIDE(c##i, value, v2);)     \
     D(DOT_WIDE(d##i, value, v3);)
-#define SHIFT(i, base, offset)                                            \
-    a##i = add(shift(add(a##i, half), count), load(bias));                \
-    B(b##i = add(shift(add(b##i, half), count), load(bias + LANES));)     \
-    C(c##i = add(shift(add(c##i, half), count), load(bias + 2 * LANES));) \
-    D(d##i = add(shift(add(d##i, half), count), load(bias + 3 * LANES));)
+#define SHIFT(i, base, offset)                                             \
+    a##i = add(shift(add(a##i, half), count), load(start));                \
+    B(b##i = add(shift(add(b##i, half), count), load(start + LANES));)     \
+    C(c##i = add(shift(add(c##i, half), count), load(start + 2 * LANES));) \
+    D(d##i = add(shift(add(d##i, half), count), load(start + 3 * LANES));) \
+    start += start_step;
 #define STORE(is_narrow, i, j)                                      \
     PIXELS_PASTE(finish_, VECTORS)(&f, is_narrow, i, j, a##i B(, b##i) C(, c##i) D(, d##i), \
                                    a##j B(, b##j) C(, c##j) D(, d##j));
@@ -142,20 +144,22 @@ static void TILE(const tile_row *row)
     static const int32_t zeros[4 * LANES] = {0};
     const lull_conv *conv = row->conv;
     const struct tile_part *end = row->part + conv->segments, *narrow = row->part + conv->wide;
-    const int32_t *bias = (const int32_t *)conv->bias + row->first;
     unsigned count = conv->wide ? conv->wide_shift : 0; /* 0: the bias may come first */
-    const int32_t *start = count ? zeros : bias;
     finish f;
     finish_init(&f, row, VECTORS, IS_SMALL);
     FOR_TILES(p, conv, PIXELS)
     {
         const struct tile_part *part = row->part;
+        size_t start_step = count ? 0 : row->bias_step;
+        const int32_t *start = count ? zeros : row->bias + p * start_step;
         FOR_PIXELS(DECLARE)
         FOR_PIXELS(START)
         for (; part < narrow; part++)
             SEGMENT(WIDE)
         if (count) {
             vec half = splat_int(1 << count >> 1);
+            start_step = row->bias_step;
+            start = row->bias + p * start_step;
             FOR_PIXELS(SHIFT)
         }
         for (; part < end; part++) {

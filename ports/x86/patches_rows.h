@@ -11,6 +11,7 @@
  *   shift(a, n), most(a, b)        arithmetic shift to the right; the larger one
  *   scales, scales_init(&s, image, first)
  *                                  constants of the requantisation of the outputs from `first` on
+ *                                  (s.bias is their bias)
  *   put(&s, to, next, pixel, a)    requantises and stores the sums a[0] to a[3] of four pixels: two
  *                                  from `to` on, two from `next` on, `pixel` bytes apart
  *
@@ -113,7 +114,15 @@ LULL_INLINE void make_row(vec *a, const lull_patches *image, const int32_t *m, u
                      image->shift);
 }
 
-/* LANES outputs of a patch: its sums at m; `at`: place of its first pixel in the rows, in bytes. */
+/* Four pixels as they are, with bias. */
+LULL_INLINE void save_raw(int32_t *to, size_t pixel, const scales *s, const vec *a)
+{
+    for (unsigned i = 0; i < 4; i++)
+        save(to + i * pixel, add(a[i], s->bias));
+}
+
+/* LANES outputs of a patch: its sums at m; `at`: place of its first pixel in the rows, in bytes (in
+ * elements if image->is_raw). */
 LULL_INLINE void patch_out(const lull_patches *image, const scales *s, int32_t *m, size_t at,
                            unsigned is_wide)
 {
@@ -125,6 +134,10 @@ LULL_INLINE void patch_out(const lull_patches *image, const scales *s, int32_t *
         for (unsigned y = 0; y < 4; y++) {
             vec a[4];
             make_row(a, image, m + 6 * y * plane, is_wide);
+            if (image->is_raw) {
+                save_raw((int32_t *)(void *)image->out[y] + at, image->channels, s, a);
+                continue;
+            }
             put(s, image->out[y] + at, image->out[y] + at + 2 * pixel, pixel, a);
         }
         return;
@@ -141,7 +154,7 @@ LULL_INLINE void patch_out(const lull_patches *image, const scales *s, int32_t *
 
 LULL_INLINE void patches_out(const lull_patches *image, unsigned is_wide)
 {
-    size_t size = image->out_max <= 255 ? 1 : 2;
+    size_t size = image->out_max <= 255 || image->is_raw ? 1 : 2;
     size_t width = image->channels * (image->is_pooled ? 2u : LULL_PATCH_SIDE) * size;
     for (unsigned c = 0; c < image->channels; c += LANES) {
         int32_t *m = image->sums + c;

@@ -10,6 +10,8 @@
 typedef struct tile_row {
     const lull_conv *conv;
     unsigned first, n;
+    const int32_t *bias; /* integers: of output `first`, and from one pixel's to the next one's */
+    size_t bias_step;
     struct tile_part {        /* of a segment: */
         const uint8_t *x, *w; /* the run of pixel 0, the weights of the first vector */
         size_t step, block;   /* bytes from pixel to pixel, and from vector to vector */
@@ -50,6 +52,12 @@ LULL_INLINE void run_tiles(const lull_conv *conv, const tile_shape *shapes, unsi
                ((shape->vectors - 1) * lanes >= left || shape->pixels > conv->pixels))
             shape++;
         row.n = lull_min_u(left, shape->vectors * lanes);
+        row.bias = (const int32_t *)conv->bias + row.first;
+        row.bias_step = 0;
+        if (is_integer && conv->start) {
+            row.bias = conv->start + row.first;
+            row.bias_step = conv->start_step;
+        }
         for (unsigned s = 0; s < conv->segments; s++) {
             const lull_segment *segment = &conv->segment[s];
             struct tile_part *part = &row.part[s];

@@ -214,6 +214,27 @@ static void pack_segment(cases_conv *c, unsigned s, unsigned block, int is_split
                 }
 }
 
+/* Bias of output o at pixel p. */
+static int32_t bias_at(const cases_conv *c, unsigned p, unsigned o)
+{
+    return c->has_start ? int_bias[o] / (int32_t)(1 + p % 3) : int_bias[o];
+}
+
+static void place_start(cases_conv *c)
+{
+    lull_conv *conv = &c->conv; /* whole vectors are read, of the last pixel, too */
+    size_t whole = lull_align_up(conv->outputs, 16), words;
+    int32_t *start;
+    conv->start_step = conv->outputs + 5;
+    words = (conv->pixels - 1) * conv->start_step + whole;
+    start = guard_place(GUARD_START, words * sizeof *start, c->at_end);
+    memset(start, 0, words * sizeof *start);
+    for (unsigned p = 0; p < conv->pixels; p++)
+        for (unsigned o = 0; o < conv->outputs; o++)
+            start[p * conv->start_step + o] = bias_at(c, p, o);
+    conv->start = start;
+}
+
 void cases_pack(cases_conv *c, unsigned block, int is_split)
 {
     size_t whole = lull_align_up(c->conv.outputs, block), used = c->conv.outputs * (size_t)4;
@@ -226,6 +247,8 @@ void cases_pack(cases_conv *c, unsigned block, int is_split)
     memcpy(bias, c->is_integer ? (void *)int_bias : (void *)float_bias, used);
     memcpy(scale, multiplier, used);
     c->conv.bias = bias;
+    if (c->has_start)
+        place_start(c);
     c->conv.multiplier = (int32_t *)(void *)scale;
 }
 
@@ -246,10 +269,11 @@ static double element(const cases_conv *c, unsigned s, unsigned p, unsigned e)
                             : (double)((const uint8_t *)segment->row)[at];
 }
 
-static double requantised(const lull_conv *conv, unsigned o, double wide, double narrow)
+static double requantised(const cases_conv *c, unsigned p, unsigned o, double wide, double narrow)
 {
+    const lull_conv *conv = &c->conv;
     double scale = 1 << conv->wide_shift;
-    double a = floor((wide + (1 << conv->wide_shift >> 1)) / scale) + int_bias[o] + narrow;
+    double a = floor((wide + (1 << conv->wide_shift >> 1)) / scale) + bias_at(c, p, o) + narrow;
     /* a * M + 2^30 needs 61 bits: the low 15 bits of a apart */
     double high = floor(a / 32768), low = a - high * 32768;
     double q = high * multiplier[o] + floor((low * multiplier[o] + (1 << 30)) / 32768);
@@ -271,7 +295,7 @@ void cases_define(const cases_conv *c, double *value, double *size)
                     absolute += fabs(product);
                 }
             if (c->is_integer) {
-                value[at] = requantised(conv, o, wide, sum);
+                value[at] = requantised(c, p, o, wide, sum);
             } else {
                 value[at] = fmax((double)conv->least, sum + (double)float_bias[o]);
                 size[at] = absolute + fabs((double)float_bias[o]);

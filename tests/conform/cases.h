@@ -24,6 +24,7 @@ typedef struct cases_conv {
     lull_conv conv;                           /* rows and sizes; weights are not set */
     unsigned elements[LULL_MAX_SEGMENTS];     /* of a run; beyond them weights are zero */
     int is_integer, at_end;
+    int has_start; /* may be set after cases_make: the bias differs from pixel to pixel */
 } cases_conv;
 
 /* Makes a case: sizes as given, the rest at random; fills its rows. */

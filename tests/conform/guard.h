@@ -12,6 +12,7 @@ enum {
     GUARD_WEIGHTS = 6,
     GUARD_BIAS = 12,
     GUARD_MULTIPLIER,
+    GUARD_START,
     GUARD_OUT,
     GUARD_COUNT
 };

@@ -9,12 +9,11 @@ static void fill_codes(uint8_t *row, size_t n, int is_wide)
 {
     for (size_t i = 0; i < n; i++) {
         int32_t high = is_wide ? 32767 : 255;
-        int32_t code = now.pattern == CASES_MIN     ? 0
-                       : now.pattern == CASES_MAX   ? high
-                       : now.pattern == CASES_PAIRS ? (guard_below(2) ? high : 0)
-                       : now.pattern == CASES_ALTERNATING
-                           ? (i & 1 ? high : 0)
-                           : guard_between(0, high);
+        int32_t code = now.pattern == CASES_MIN           ? 0
+                       : now.pattern == CASES_MAX         ? high
+                       : now.pattern == CASES_PAIRS       ? (guard_below(2) ? high : 0)
+                       : now.pattern == CASES_ALTERNATING ? (i & 1 ? high : 0)
+                                                          : guard_between(0, high);
         uint16_t wide = (uint16_t)code;
         if (is_wide)
             memcpy(row + 2 * i, &wide, 2);
@@ -142,8 +141,9 @@ static void points_int_case(unsigned outputs, unsigned pixels, unsigned pairs)
             if (o < outputs)
                 want = 0;
             for (size_t k = 0; k < 2 * (size_t)pairs && o < outputs; k++)
-                want += (uint32_t)(x[p * segment->step * 2 + k] *
-                                   w[((o / block * pairs + k / 2) * block + o % block) * 2 + k % 2]);
+                want +=
+                    (uint32_t)(x[p * segment->step * 2 + k] *
+                               w[((o / block * pairs + k / 2) * block + o % block) * 2 + k % 2]);
             if (!CHECK(out[p * conv.out_step + o] == want)) {
                 printf("  output %u of %u, pixel %u of %u, %u pairs\n", (unsigned)o, outputs,
                        (unsigned)p, pixels, pairs);
@@ -180,28 +180,40 @@ static double patch_code(const lull_patches *w, const int32_t *sums, unsigned x,
         a = 256 * a + patch_pixel(sums + LULL_PATCH_POINTS * w->plane, w->plane, x, y);
         a = floor((a + (1 << w->shift >> 1)) / (1 << w->shift));
     }
+    if (w->is_raw)
+        return a + w->bias[c];
     q = floor(((a + w->bias[c]) * w->multiplier[c] + (1 << 30)) / 2147483648.0);
     return q < 0 ? 0 : q > w->out_max ? w->out_max : q;
 }
 
+/* What is stored at place `at` of row y. */
+static double patch_value(const lull_patches *w, unsigned y, size_t at)
+{
+    uint16_t wide;
+    if (w->is_raw)
+        return ((const int32_t *)(const void *)w->out[y])[at];
+    if (w->out_max <= 255)
+        return w->out[y][at];
+    return memcpy(&wide, w->out[y] + 2 * at, 2), wide;
+}
+
 static int patch_codes_agree(const lull_patches *w, const int32_t *sums)
 {
-    unsigned columns = w->is_pooled ? 2 : 4, n = w->channels, is_byte = w->out_max <= 255;
+    unsigned columns = w->is_pooled ? 2 : 4, n = w->channels;
     for (unsigned y = 0; y < columns; y++)
         for (unsigned x = 0; x < columns * w->patches; x++)
             for (unsigned c = 0; c < n; c++) {
                 size_t at = (size_t)x * n + c;
                 const int32_t *of = sums + x / columns * n + c;
-                uint16_t got = w->out[y][is_byte ? at : 2 * at];
-                double want = 0;
-                if (!is_byte)
-                    memcpy(&got, w->out[y] + 2 * at, 2);
-                for (unsigned i = 0; i < (w->is_pooled ? 4u : 1u); i++)
-                    want = fmax(want, w->is_pooled ? patch_code(w, of, x % 2 * 2 + (i & 1),
-                                                                2 * y + (i >> 1), c)
-                                                   : patch_code(w, of, x % 4, y, c));
+                double want = 0, got = patch_value(w, y, at);
+                if (w->is_pooled)
+                    for (unsigned i = 0; i < 4; i++)
+                        want =
+                            fmax(want, patch_code(w, of, x % 2 * 2 + (i & 1), 2 * y + (i >> 1), c));
+                else
+                    want = patch_code(w, of, x % 4, y, c);
                 if (got != want) {
-                    printf("  row %u, column %u, channel %u is %u, not %g\n", y, x, c, got, want);
+                    printf("  row %u, column %u, channel %u is %g, not %g\n", y, x, c, got, want);
                     return 0;
                 }
             }
@@ -228,7 +240,8 @@ static void make_sums(lull_patches *w, int32_t *sums, int32_t *bias, int32_t *mu
     w->multiplier = multiplier;
 }
 
-static void patches_out_case(unsigned channels, unsigned patches, int is_wide, int is_pooled)
+static void patches_out_case(unsigned channels, unsigned patches, int is_wide, int is_pooled,
+                             int is_raw)
 {
     static const int32_t maxima[] = {255, 255, 100, 32767, 1000};
     lull_patches w;
@@ -240,6 +253,7 @@ static void patches_out_case(unsigned channels, unsigned patches, int is_wide, i
     w.patches = patches;
     w.is_wide = is_wide;
     w.is_pooled = is_pooled;
+    w.is_raw = is_raw;
     w.is_small = (int)guard_below(2);
     w.shift = is_wide ? guard_below(16) : 0;
     w.out_max = maxima[guard_below(5)];
@@ -249,23 +263,26 @@ static void patches_out_case(unsigned channels, unsigned patches, int is_wide, i
     make_sums(&w, sums, guard_place(GUARD_BIAS, channels * sizeof(int32_t), at_end),
               guard_place(GUARD_MULTIPLIER, channels * sizeof(int32_t), at_end));
     memcpy(kept, sums, points * sizeof *sums);
-    row_bytes = (size_t)(is_pooled ? 2 : 4) * patches * channels * (w.out_max <= 255 ? 1 : 2);
+    row_bytes = (size_t)(is_pooled ? 2 : 4) * patches * channels *
+                (is_raw             ? 4
+                 : w.out_max <= 255 ? 1
+                                    : 2);
     for (unsigned y = 0; y < (is_pooled ? 2u : 4u); y++)
         w.out[y] = guard_place(GUARD_ROW + y, row_bytes, at_end);
     w.sums = sums;
     now.port->patches_out(&w);
     now.cases++;
     if (!CHECK(patch_codes_agree(&w, kept)))
-        printf("  with %u channels, %u patches%s%s%s, shift %u, maximum %ld\n", channels, patches,
-               is_wide ? ", wide" : "", is_pooled ? ", pooled" : "", w.is_small ? ", small" : "",
-               w.shift, (long)w.out_max);
+        printf("  with %u channels, %u patches%s%s%s%s, shift %u, maximum %ld\n", channels, patches,
+               is_wide ? ", wide" : "", is_pooled ? ", pooled" : "", is_raw ? ", raw" : "",
+               w.is_small ? ", small" : "", w.shift, (long)w.out_max);
 }
 
 static void patches_out_cases(void)
 {
     for (unsigned channels = 16; channels <= 144; channels += LULL_PATCH_CHANNELS)
-        for (unsigned kind = 0; kind < 4 * ROUNDS; kind++)
-            patches_out_case(channels, 1 + guard_below(6), kind & 1, kind >> 1 & 1);
+        for (unsigned kind = 0; kind < 5 * ROUNDS; kind++)
+            patches_out_case(channels, 1 + guard_below(6), kind & 1, kind % 5 < 2, kind % 5 == 4);
 }
 
 #endif
