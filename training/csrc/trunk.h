@@ -98,6 +98,12 @@ void activation_backward(const Map<const Q> &y, bool pool, const std::vector<Use
     using T = Arithmetic<Q>;
     using V = Vector<T>;
     const int64_t h = pool ? y.h / 2 : y.h, w = pool ? y.w / 2 : y.w;
+    const Map<const Q> &only = uses[0].gradient;
+    if (!pool && uses.size() == 1 && only.h == h && only.c == y.c) // value by value
+        return chunks<T>(h * w * y.c, [&](int64_t i, auto count) {
+            const V v = read<T>(y.base + i, count), g = read<T>(only.base + i, count);
+            write<T>(to.base + i, v <= 0 ? V() : g, count);
+        });
     for (int64_t row = 0; row < h; row++)
         for (int64_t x = 0; x < w; x++)
             chunks<T>(y.c, [&](int64_t c, auto count) {
