@@ -266,9 +266,13 @@ inline void convolve(const Half *from, const Memory<Half> &weights, const float 
                 now->width = std::min(left, most);
                 now->c = b * kSide;
                 now->n = n;
-                (left <= kSide                ? n == 1 ? multiply<1, 1> : multiply<1, 2>
-                                : left <= 2 * kSide || n > 1 ? n == 1 ? multiply<2, 1> : multiply<2, 2>
-                                                             : multiply<4, 1>)(rows, w, s, now->sums);
+                const bool one = left <= kSide, two = left <= 2 * kSide;
+                const auto work = n == 1 ? one   ? multiply<1, 1>
+                                           : two ? multiply<2, 1>
+                                                 : multiply<4, 1>
+                                  : one ? multiply<1, 2>
+                                         : multiply<2, 2>;
+                work(rows, w, s, now->sums);
                 if (last)
                     last->store(bias, relu, s, to);
                 last = now;
