@@ -19,6 +19,7 @@ LINE_WIDTHS = (0.7, 5.0)    # pixels, of figures of lines
 DARKEST = 0.03              # least factor of a texture
 FINE_P = 0.35               # textures of waves that are finer than a pixel
 SHADOW_P = 0.25             # textures that multiply the radiance alone
+TINTED_P = 0.5              # noise of light found by chance whose hits have colours of their own
 ZOOMS = (1.5, 6.0)          # of enlarged tiles
 NEAR = 3                    # pixels of the original around one from which its noise may come
 FADED_P, FADED = 0.4, 0.01  # enlarged tiles with less noise than the original, down to this share
@@ -69,8 +70,12 @@ def hits_by_chance(target: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     spp = 2 ** int(rng.integers(0, 5))
     spread = rng.uniform(0.5, 4)  # of the light of a hit: a gamma distribution's shape
     gain = rng.gamma(spread * rng.binomial(spp, chance)) / (spp * chance * spread)
+    gain = np.repeat(gain[..., None], 3, 2)
+    if rng.random() < TINTED_P:  # light that met a coloured surface on its way
+        purity = 2.0 ** rng.uniform(-1, 3)
+        gain *= rng.gamma(purity, 1 / purity, gain.shape)
     steady = rng.uniform(0, 0.7) * (rng.random() < 0.5)
-    light = target * (steady + (1 - steady) * gain[..., None]).astype(np.float32)
+    light = target * (steady + (1 - steady) * gain).astype(np.float32)
     return np.minimum(light, np.float32(color.HDR_MAX))
 
 

@@ -121,6 +121,8 @@ def test_hits_keep_the_mean_and_are_rare():
     assert np.abs(mean / target[0, 0] - 1).max() < 0.05
     assert sum((t == 0).mean() > 0.8 for t in tiles) > 20
     assert all(np.isfinite(t).all() and t.min() >= 0 for t in tiles)
+    grey = sum(np.allclose(t[..., 0] * 2, t[..., 1], rtol=1e-4) for t in tiles)
+    assert 60 < grey < 140  # the others have hits of many colours
 
 
 def test_hits_replace_the_noise_of_the_input():
