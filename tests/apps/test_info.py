@@ -52,7 +52,8 @@ def test_memory_of_a_base_network(info, work):
         assert high[name] <= low[name] + 8192, name  # auto-exposure keeps one number a bin row
 
 
-@pytest.mark.parametrize("name, kmac", [("kernel5_8", 7.7), ("kernel5_16", 20.0), ("kernel5_32", 40.7)])
+@pytest.mark.parametrize("name, kmac", [("kernel5_8", 7.7), ("kernel5_16", 20.0),
+                                        ("kernel5_32", 40.7)])
 def test_built_in_weights(info, name, kmac):
     report = info(golden_int.ROOT / "weights" / f"{name}.tza", "--json").json["files"][0]
     assert abs(report["macs_per_pixel"] / 1000 - kmac) < 0.05
