@@ -279,10 +279,12 @@ def test_inputs_move_towards_cleaner_targets_only():
     batches = Batches([p], F, "hdr", "linear", 1, 32, 1, Augment(blend=1.0))
     for spp, moves in ((63.0, False), (64.0, True), (math.inf, True)):
         p.target_spp = spp
-        x, y, _ = batches.light(p, 1, np.s_[:32, :32], np.random.default_rng(0))
         noisy_input = p.inputs[1][:32, :32, :3].astype(np.float32)
-        nearer = np.abs(x[..., :3] - y).mean() < 0.95 * np.abs(noisy_input - y).mean()
-        assert nearer == moves
+        nearer = 0
+        for seed in range(20):
+            x, y, _ = batches.light(p, 1, np.s_[:32, :32], np.random.default_rng(seed))
+            nearer += np.abs(x[..., :3] - y).mean() < 0.95 * np.abs(noisy_input - y).mean()
+        assert nearer >= 15 if moves else nearer == 0
 
 
 def test_inputs_come_close_to_clean_targets():
