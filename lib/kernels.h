@@ -150,7 +150,7 @@ typedef struct lull_kernels {
     unsigned block_f32; /* output channels a weight block holds, fp32 */
     unsigned block_int;
     unsigned splits_wide; /* 1: conv_int multiplies the bytes of wide elements by themselves */
-    unsigned has_patches; /* 1: integer layers are faster in patches where they can be */
+    unsigned has_patches; /* integer layers are faster in patches: 1 all that can be, 2 of U nets */
 #define KERNEL(name, parameters, tolerance, purpose) void(*name) parameters;
 #include "kernels.def"
 } lull_kernels;

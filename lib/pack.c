@@ -363,6 +363,7 @@ static void choose_patches(lull_graph *graph, const lull_kernels *kernels, const
         unsigned step = 1u << (graph->levels - layer->level);
         lull_layer_tensors tensors;
         if (!kernels->has_patches || !graph->is_integer || layer->op != LULL_OP_CONV ||
+            (kernels->has_patches == 2 && graph->family != LULL_FAMILY_U) ||
             (skip ? lull_graph_dtype(graph, layer->source[1]) == LULL_DTYPE_U15
                   : lull_layer_is_up(layer)) ||
             inputs % LULL_PATCH_CHANNELS || layer->outputs % LULL_PATCH_CHANNELS ||
