@@ -219,6 +219,27 @@ def test_radiance_equals_mitsubas_path_tracer(mi):
     assert ours[..., :3].mean() == pytest.approx(theirs[..., :3].mean(), rel=0.15)
 
 
+@pytest.mark.parametrize("aimed", [0, 1])
+def test_lights_met_by_chance_give_the_same_light_and_more_noise(mi, aimed):
+    box = mi.cornell_box()
+    sensor = box.pop("sensor")
+    cam = {k: sensor[k] for k in ("type", "fov", "to_world", "near_clip", "far_clip")
+           if k in sensor}
+    from training.scenes import features
+    from training.scenes import picture as pic
+    scene = mi.load_dict(box)
+    shot = pic.shot(mi, cam, 12, 12, {"type": "box"}, "independent")
+    spp = 4096 if "llvm" in mi.variant() else 64
+    one, two = (pic.render(mi, scene, features.make(features.FeatureSettings(), 6, aimed=n), shot,
+                           spp, 1) for n in (1000, aimed))
+    assert two[..., :3].mean() == pytest.approx(one[..., :3].mean(), rel=1.6 / spp ** 0.5)
+    assert one[..., 3:] == pytest.approx(two[..., 3:], abs=1 / spp ** 0.5)
+    one, two = (np.std([pic.render(mi, scene, features.make(
+        features.FeatureSettings(), 6, aimed=n), shot, 4, k)[..., :3] for k in range(8)], 0).mean()
+        for n in (1000, aimed))
+    assert two > 1.3 * one
+
+
 def test_unknown_variant():
     with pytest.raises(ToolError, match="--variant") as e:
         backend.load("nonsense")

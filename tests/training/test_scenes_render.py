@@ -119,6 +119,21 @@ def test_unfinished_scenes_are_no_training_data(rendered, tmp_path):
     assert set(list_versions(tmp_path / "data")) == {"s00021/s00021"}
 
 
+def test_windows_and_unaimed_paths(root, rendered, tmp_path):
+    """A part of the frame, with other noise; a share of 0 changes nothing (as `rendered` shows)."""
+    out, _ = rendered
+    run = command(root, "render", tmp_path, "--seeds", f"{SEED},21", *SMALL, "--windows", "1",
+                  "--unaimed", "1")
+    assert run.returncode == 0, run.stderr
+    for name in ("s00020", "s00021"):
+        old, new = (json.loads((p / name / "manifest.json").read_text()) for p in (out, tmp_path))
+        assert old["window"] == 1 and 1.5 <= new["window"] <= 5
+        assert old["aimed"] is None and new["aimed"] in (None, 0, 1)
+        assert new["attempt"] != old["attempt"] or new["layout"] == old["layout"]
+        a, b = (read_image(p / name / f"{name}_0004spp.nrm.exr") for p in (out, tmp_path))
+        assert not np.array_equal(a, b)
+
+
 def test_assets_are_used(root, tmp_path):
     from training.scenes import files as write
     from training.scenes import mesh, shapes
@@ -137,7 +152,8 @@ def test_assets_are_used(root, tmp_path):
 
 @pytest.mark.parametrize("extra, code, word", [
     (["--seeds", "x"], 2, "--seeds"), (["--spp", "8", "--ref", "8"], 2, "--ref"),
-    (["--assets", "missing"], 3, "--assets"), (["--shard", "3/2"], 2, "--shard")])
+    (["--assets", "missing"], 3, "--assets"), (["--shard", "3/2"], 2, "--shard"),
+    (["--windows", "2"], 2, "--windows")])
 def test_wrong_options(root, tmp_path, extra, code, word):
     run = command(root, "render", tmp_path / "out", *SMALL, "--seeds", SEED, *extra)
     one_line(run, code, word)

@@ -153,13 +153,17 @@ def _mis(a, b):
 
 
 class FeaturePath(mi.SamplingIntegrator):
-    """Path tracer (next-event estimation, MIS) whose own paths give the features. No media."""
+    """Path tracer (next-event estimation, MIS) whose own paths give the features. No media.
+
+    aimed: at how many vertices of a path lights are sampled; beyond them paths meet lights by
+    chance, and point and spot lights never.
+    """
 
     def __init__(self, props=None, settings: FeatureSettings | None = None, max_depth: int = 8,
-                 rr_depth: int = 4):
+                 rr_depth: int = 4, aimed: int = 1000):
         super().__init__(props if props is not None else mi.Properties())
         self.recorder = _Recorder(settings or FeatureSettings())
-        self.max_depth, self.rr_depth = max_depth, rr_depth
+        self.max_depth, self.rr_depth, self.aimed = max_depth, rr_depth, aimed
 
     def aov_names(self):
         return _names()
@@ -179,21 +183,21 @@ class FeaturePath(mi.SamplingIntegrator):
         depth = mi.UInt32(0)
         prev_si = dr.zeros(mi.Interaction3f)
         prev_pdf = mi.Float(1.0)
-        prev_delta = mi.Bool(True)
+        by_chance = mi.Bool(True)       # lights were not sampled at the last vertex
 
         while active:
             si = scene.ray_intersect(ray, mi.RayFlags.All, depth == 0, active)
             emitter = si.emitter(scene, active)
             emitted = _emitted(emitter, si, active)
             ds = mi.DirectionSample3f(scene, si, prev_si)
-            pdf = _emitter_pdf(scene, prev_si, ds, active & _not(prev_delta))
-            radiance += beta * emitted * dr.select(prev_delta, 1.0, _mis(prev_pdf, pdf))
+            pdf = _emitter_pdf(scene, prev_si, ds, active & _not(by_chance))
+            radiance += beta * emitted * dr.select(by_chance, 1.0, _mis(prev_pdf, pdf))
 
             hit = active & si.is_valid()
             go = hit & (depth + 1 < self.max_depth)
             bsdf = _bsdf(si, ray)
             flags = _flags(bsdf)
-            lit = go & _has(flags, mi.BSDFFlags.Smooth)
+            lit = go & _has(flags, mi.BSDFFlags.Smooth) & (depth < self.aimed)
             ds, em_weight = scene.sample_emitter_direction(si, sampler.next_2d(active), True, lit)
             wo = si.to_local(ds.d)
             val, val_pdf, bs, weight = _scatter(
@@ -216,7 +220,8 @@ class FeaturePath(mi.SamplingIntegrator):
             eta *= dr.select(hit, bs.eta, 1.0)
             prev_si = mi.Interaction3f(si)
             prev_pdf = bs.pdf
-            prev_delta = _has(bs.sampled_type, mi.BSDFFlags.Delta)
+            by_chance = (_has(bs.sampled_type, mi.BSDFFlags.Delta)
+                         | (depth >= self.aimed))
             ray = si.spawn_ray(si.to_world(bs.wo))
             depth += dr.select(hit, mi.UInt32(1), mi.UInt32(0))
             top = dr.max(beta)
@@ -299,9 +304,10 @@ def _next_medium(si, d, medium, hit):
     return dr.select(hit & si.is_medium_transition(), si.target_medium(d), medium)
 
 
-def make(settings: FeatureSettings, max_depth: int, volumes: bool = False):
-    """Integrator with the nine channels; volumes: the scene holds participating media."""
+def make(settings: FeatureSettings, max_depth: int, volumes: bool = False, aimed: int = 1000):
+    """Integrator with the nine channels; volumes: the scene holds participating media (lights are
+    sampled everywhere then); aimed: as of FeaturePath."""
     if not volumes:
-        return FeaturePath(None, settings, max_depth)
+        return FeaturePath(None, settings, max_depth, aimed=aimed)
     inner = mi.load_dict({"type": "volpath", "max_depth": max_depth + 4, "rr_depth": 5})
     return FeatureVolume(inner, settings)

@@ -79,13 +79,13 @@ def write_level(folder: str, name: str, spp: int, image: np.ndarray, bits: int) 
         write_exr(os.path.join(folder, f"{name}_{spp:04d}spp.{kind}.exr"), part, bits)
 
 
-def write_group(mi, out: str, name: str, scene, integrator, shot: Shot, noisy: list[int],
+def write_group(mi, out: str, name: str, scene, integrators, shot: Shot, noisy: list[int],
                 target: int, seed: int, gain: float = 1.0, bits: tuple[int, int] = (10, 10)
                 ) -> dict:
     """Renders all levels into out/name, which appears only when complete; returns figures.
 
-    noisy, target: samples per pixel; gain multiplies the radiance; bits: mantissa of the noisy
-    files and of the target.
+    integrators: of the noisy versions and of the target; noisy, target: samples per pixel; gain
+    multiplies the radiance; bits: mantissa of the noisy files and of the target.
     """
     temporary = os.path.join(out, f".{name}.tmp{os.getpid()}")
     for old in glob.glob(os.path.join(glob.escape(out), f".{name}.tmp*")):  # of a killed run
@@ -95,7 +95,8 @@ def write_group(mi, out: str, name: str, scene, integrator, shot: Shot, noisy: l
         figures: dict = {"seconds": {}, "non_finite": 0}
         for spp in [target, *noisy]:  # an unfinished group has its target at least
             start = time.process_time()
-            image, bad = clean(render(mi, scene, integrator, shot, spp, seed * 1000 + spp))
+            image, bad = clean(render(mi, scene, integrators[spp == target], shot, spp,
+                                      seed * 1000 + spp))
             image[..., :3] *= gain
             write_level(temporary, name, spp, image, bits[spp == target])
             figures["seconds"][f"{spp:04d}"] = round(time.process_time() - start, 2)

@@ -49,6 +49,11 @@ def parser() -> argparse.ArgumentParser:
                    help="mantissa bits kept in noisy files and targets (fewer = smaller files)")
     p.add_argument("--plain", action="store_true",
                    help="box filter, independent sampler and no fog everywhere")
+    p.add_argument("--windows", type=float, default=0.0, metavar="P",
+                   help="share of pictures that are a part of a frame 1.5 to 5 times as large")
+    p.add_argument("--unaimed", type=float, default=0.0, metavar="P",
+                   help="share of scenes whose noisy versions meet lights by chance (where no fog, "
+                   "point or spot light forbids it); targets sample lights as ever")
     return p
 
 
@@ -95,12 +100,15 @@ def render_seed(mi, seed: int, args: argparse.Namespace, assets) -> dict:
     name, start, why = f"s{seed:05d}", time.process_time(), []
     for attempt in range(ATTEMPTS):
         try:
-            built = scene.build(mi, seed, attempt, assets, args.plain, max(width, height) > 160)
+            built = scene.build(mi, seed, attempt, assets, args.plain, max(width, height) > 160,
+                                args.windows, args.unaimed)
         except ValueError as err:
             why.append(str(err))
             continue
         st = built.settings
         integrator = features.make(st.features, st.max_depth, st.fog > 0)
+        by_chance = integrator if st.aimed is None else features.make(
+            st.features, st.max_depth, aimed=st.aimed)
         shot = picture.shot(mi, built.camera, width, height, st.rfilter, st.sampler)
         one, two = (picture.clean(picture.render(mi, built.scene, integrator, shot, PILOT,
                                                  seed * 1000 + k))[0] for k in (998, 999))
@@ -115,8 +123,8 @@ def render_seed(mi, seed: int, args: argparse.Namespace, assets) -> dict:
         rng = np.random.default_rng([seed, 99])
         target = next((n for n in targets if noise_at(noise, n) < CLEAN), targets[-1])
         noisy = draw_counts(rng, counts, args.pick, target)
-        figures = picture.write_group(mi, args.out, name, built.scene, integrator, shot, noisy,
-                                      target, seed, gain, bit_pair(args.bits))
+        figures = picture.write_group(mi, args.out, name, built.scene, (by_chance, integrator),
+                                      shot, noisy, target, seed, gain, bit_pair(args.bits))
         manifest = {**st.manifest(), "size": [width, height], "noisy": noisy, "target": target,
                     "gain": gain, "noise": round(noise_at(noise, target), 4), "rejected": why,
                     "variant": args.variant, "mitsuba": mi.__version__, **figures,
@@ -128,14 +136,15 @@ def render_seed(mi, seed: int, args: argparse.Namespace, assets) -> dict:
 
 def _same_options(out: str, args: argparse.Namespace) -> None:
     """Keeps a data set from being mixed out of different options."""
-    keep = {k: getattr(args, k) for k in ("size", "spp", "pick", "ref", "plain", "bits")}
+    keep = {k: getattr(args, k) for k in ("size", "spp", "pick", "ref", "plain", "bits",
+                                         "windows", "unaimed")}
     keep["assets"] = bool(args.assets)
     path = os.path.join(out, "render.json")
     if os.path.exists(path):
         with open(path) as f:
             had = json.load(f)
         for k, v in keep.items():
-            if had.get(k) != v:
+            if had.get(k, 0.0) != v:
                 raise ToolError(f"{path}: this folder was rendered with {k} = {had.get(k)}, "
                                  f"not {v}; use another OUT", STATE)
         return
@@ -152,6 +161,8 @@ def run(args: argparse.Namespace) -> None:
     size_pair(args.size)
     if args.pick < 0 or args.threads < 0:
         raise ToolError("--pick and --threads must be >= 0", USAGE)
+    if not (0 <= args.windows <= 1 and 0 <= args.unaimed <= 1):
+        raise ToolError("--windows and --unaimed are shares: 0 to 1", USAGE)
     try:
         os.makedirs(args.out, exist_ok=True)
         _same_options(args.out, args)

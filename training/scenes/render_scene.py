@@ -164,7 +164,7 @@ def run(args: argparse.Namespace) -> None:
         start = time.process_time()
         scene = _load(mi, args) if view else scene  # each view starts from the scene's own camera
         shot = _view(mi, scene, number, view, args)
-        figures = picture.write_group(mi, args.out, group, scene, integrator, shot,
+        figures = picture.write_group(mi, args.out, group, scene, (integrator,) * 2, shot,
                                       [c for c in counts if c < args.ref], args.ref,
                                       args.seed * 977 + number * 31 + view, 1.0, bits)
         manifest = {"scene": os.path.basename(args.scene), "sensor": number, "view": view,

@@ -21,6 +21,7 @@ FILTERS = (({"type": "box"}, 0.72), ({"type": "tent"}, 0.08),
            ({"type": "gaussian", "stddev": 0.7}, 0.03),
            ({"type": "mitchell"}, 0.03), ({"type": "catmullrom"}, 0.01),
            ({"type": "lanczos"}, 0.01), ({"type": "gaussian", "stddev": 0.9}, 0.02))
+WINDOWS = (1.5, 5.0)  # how many times larger the frame is of which a picture is a part
 
 
 @dataclass(frozen=True)
@@ -37,6 +38,8 @@ class Settings:
     aperture: float          # lens radius, 0 = pinhole
     fog: float               # extinction per unit length, 0 = none
     log_exposure: float      # natural logarithm of the mean of the picture
+    window: float = 1.0      # the picture is 1/window of a frame as wide and as high
+    aimed: int | None = None # vertices at which the noisy versions sample lights, None = all
     lights: list[str] = field(default_factory=list)
 
     def manifest(self) -> dict:
@@ -221,12 +224,26 @@ def _camera(mi, rng, scene, stage: Stage, name: str) -> tuple[dict, float]:
     return cam, radius
 
 
+def _window(mi, rng: np.random.Generator, camera: dict) -> tuple[dict, float]:
+    """The camera of a part of the frame, and how many times smaller the part is: large pictures
+    show surfaces as broad and edges as far apart."""
+    part = float(np.exp(rng.uniform(*np.log(WINDOWS))))
+    half = np.tan(np.radians(camera["fov"]) / 2)
+    x, y = rng.uniform(-1, 1, 2) * half * (1 - 1 / part)
+    turn = (mi.ScalarTransform4f().rotate([0, 1, 0], float(np.degrees(np.arctan(x))))
+            .rotate([1, 0, 0], float(np.degrees(np.arctan(y)))))
+    return camera | {"fov": float(2 * np.degrees(np.arctan(half / part))),
+                     "to_world": camera["to_world"] @ turn}, part
+
+
 def build(mi, seed: int, attempt: int, assets: Assets, plain: bool = False,
-          fine: bool = True) -> Built:
+          fine: bool = True, windows: float = 0.0, unaimed: float = 0.0) -> Built:
     """Scene of a seed; raises ValueError when this attempt has no usable view.
 
     plain: box filter, independent sampler, no fog (for comparisons). fine: large bitmaps,
-    for pictures of more than about 160 pixels.
+    for pictures of more than about 160 pixels. windows: share of views that are a part of a larger
+    frame. unaimed: share of scenes, of those it can be done in, whose noisy versions meet lights
+    by chance, all of them or all but those of the first surface.
     """
     streams = [np.random.default_rng([seed, attempt, k]) for k in range(5)]
     name, stage = layouts.make(streams[0])
@@ -247,6 +264,12 @@ def build(mi, seed: int, attempt: int, assets: Assets, plain: bool = False,
             eye = np.array(cam["to_world"].matrix, float).reshape(4, 4)[:3, 3]
             if (eye > lo).all() and (eye < hi).all():
                 cam["medium"] = medium
+    part, aimed = 1.0, None
+    extra = np.random.default_rng([seed, attempt, 5])
+    if extra.random() < windows:
+        cam, part = _window(mi, extra, cam)
+    if extra.random() < unaimed and fog == 0.0 and not {"point", "spot"} & set(more):
+        aimed = int(extra.integers(2))
     feats = FeatureSettings(
         follow=str(rng.choice(["first", "cutout", "delta"], p=[0.08, 0.32, 0.6])),
         emitter=str(rng.choice(["one", "colour", "surface"], p=[0.5, 0.3, 0.2])),
@@ -259,6 +282,7 @@ def build(mi, seed: int, attempt: int, assets: Assets, plain: bool = False,
         rfilter={"type": "box"} if plain else dict(_choice(rng, FILTERS)),
         sampler="independent" if plain else str(rng.choice(
             ["independent", "multijitter", "ldsampler"], p=[0.76, 0.14, 0.1])),
-        aperture=radius, fog=fog, log_exposure=float(rng.normal(-1.2, 1.2)),
+        aperture=radius, fog=fog, log_exposure=float(rng.normal(-1.2, 1.2)), window=part,
+        aimed=aimed,
         lights=words + more)
     return Built(st, scene, cam)
