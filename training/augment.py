@@ -166,15 +166,19 @@ def zoomed(x: np.ndarray, aux: np.ndarray, y: np.ndarray,
               for n in (h0, w0)]
     around = [m / m.sum(1, keepdims=True) for m in around]
     noise /= np.clip(enlarge(around, noise), 0.3, 3.0)  # of mean 1 around each pixel
-    iy, ix = (np.clip(np.rint(at + rng.integers(-NEAR, NEAR + 1, (h, w))).astype(int), 0, n - 1)
-              for at, n in ((at_y[:, None], h0), (at_x[None, :], w0)))
+
+    def nearby(away) -> list[np.ndarray]:
+        """Rows and columns of the original's pixels, each moved by a draw of away()."""
+        return [np.clip(np.rint(at + away()).astype(int), 0, n - 1)
+                for at, n in ((at_y[:, None], h0), (at_x[None, :], w0))]
+
+    iy, ix = nearby(lambda: rng.integers(-NEAR, NEAR + 1, (h, w)))
     target = enlarge(make, y)
     light = target + (target + small) * (np.float32(fade) * (noise[iy, ix] - 1))
     if rng.random() < 0.5:
         features = enlarge(make, aux.astype(np.float32))
     else:  # edges as samples see them
-        iy, ix = (np.clip(np.rint(at + rng.normal(0, 0.4, (h, w))).astype(int), 0, n - 1)
-                  for at, n in ((at_y[:, None], h0), (at_x[None, :], w0)))
+        iy, ix = nearby(lambda: rng.normal(0, 0.4, (h, w)))
         features = aux[iy, ix]
     return np.clip(light, 0.0, np.float32(color.HDR_MAX)), features, target
 

@@ -191,11 +191,9 @@ class Mixed:
             torch.nn.utils.clip_grad_norm_(
                 [p for part in optimizer.parts for g in part.param_groups for p in g["params"]],
                 clip)
-        if self.scaler is None:
-            optimizer.step()
-        else:
-            for part in optimizer.parts:
-                self.scaler.step(part)
+        for part in optimizer.parts:
+            part.step() if self.scaler is None else self.scaler.step(part)
+        if self.scaler is not None:
             self.scaler.update()
 
     def state(self) -> dict | None:

@@ -1,12 +1,13 @@
 """Muon for kernels, Adam for the rest, in either layout of memory."""
 
 import copy
+from types import SimpleNamespace
 
 import pytest
 import torch
 
-from training import nets
-from training.optimizer import Muon, Optimizer, is_matrix, orthogonal
+from training import nets, parallel
+from training.optimizer import MOMENTUM, Muon, Optimizer, is_matrix, orthogonal
 
 
 def steps(model, kind: str, count: int = 3, rate: float = 1e-2):
@@ -92,6 +93,21 @@ def test_muon_does_not_mind_the_layout_of_memory(model):
     steps(model, "muon"), steps(other, "muon")
     for a, b in zip(model.parameters(), other.parameters()):
         torch.testing.assert_close(a, b, rtol=0, atol=1e-5)
+
+
+def test_clipped_gradients_are_what_steps_take(model):
+    """Also where the gradient lies in memory unlike its kernels."""
+    model.to(memory_format=torch.channels_last)
+    optimizer = Optimizer(model.parameters(), 1e-2, "muon")
+    for p in optimizer.params:
+        p.grad = torch.ones(p.shape)
+    assert optimizer.kernels and not any(
+        p.grad.is_contiguous(memory_format=torch.channels_last) for p in optimizer.kernels)
+    settings = SimpleNamespace(precision="fp32")
+    team = SimpleNamespace(device=torch.device("cpu"))
+    parallel.Mixed(settings, team).step(optimizer, clip=1e-3)
+    lengths = [s["momentum"].norm() ** 2 for s in optimizer.parts[1].state.values()]
+    assert 0 < sum(lengths) ** 0.5 <= (1 - MOMENTUM) * 1.01e-3
 
 
 def test_state_comes_back(model):
