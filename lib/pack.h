@@ -30,6 +30,9 @@ struct lull_model {
     lull_packed_layer layer[LULL_MAX_LAYERS];
 };
 
+/* The 3x3 taps of a kernel at a point: with the factors of a column of three taps, and of a row. */
+double lull_pack_point(const double *taps, const double *column, const double *row);
+
 /* Winograd's form of a layer's weights for source 0 or its skip, at each point that does not
  * vanish: [point][output / lanes][channel][output % lanes]. `offset`: first channel in the tensor.
  */

@@ -3,19 +3,8 @@
 
 /* The points of a kernel's row or column of three taps, so scaled that few shifts and sums make 24
  * times a pixel's sum of them in each direction. */
-static const int8_t side_points[6][3] = {{6, 0, 0}, {-4, -4, -4}, {-4, 4, -4},
+static const double side_points[6][3] = {{6, 0, 0}, {-4, -4, -4}, {-4, 4, -4},
                                          {1, 2, 4}, {1, -2, 4},   {0, 0, 6}};
-
-/* Point k of the 3x3 taps of a kernel: at most 12 * 12 * 127. */
-static int16_t point(const int *taps, unsigned k)
-{
-    const int8_t *column = side_points[k / 6], *row = side_points[k % 6];
-    int sum = 0;
-    for (unsigned y = 0; y < 3; y++)
-        sum += column[y] *
-               (row[0] * taps[3 * y] + row[1] * taps[3 * y + 1] + row[2] * taps[3 * y + 2]);
-    return (int16_t)sum;
-}
 
 int lull_pack_fits_patches(const lull_tza_tensor *weight, unsigned outputs, unsigned channels)
 {
@@ -39,10 +28,11 @@ void lull_pack_patches(int16_t *out, const lull_tza_tensor *weight, unsigned out
         for (unsigned c = 0; c < channels; c++) {
             size_t block = (size_t)(o / lanes) * (channels / 2) + c / 2;
             int16_t *to = out + (block * lanes + o % lanes) * 2 + c % 2;
-            int taps[9] = {0};
+            double taps[9] = {0};
             for (unsigned i = 0; i < 9 && o < outputs; i++)
-                taps[i] = (int)lull_tza_float(weight, ((size_t)o * channels + c) * 9 + i);
+                taps[i] = (double)lull_tza_float(weight, ((size_t)o * channels + c) * 9 + i);
             for (unsigned k = 0; k < LULL_PATCH_POINTS; k++, to += whole * channels)
-                *to = point(taps, k);
+                /* an integer, at most 12 * 12 * 127 */
+                *to = (int16_t)lull_pack_point(taps, side_points[k / 6], side_points[k % 6]);
         }
 }

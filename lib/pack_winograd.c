@@ -11,15 +11,13 @@ static const double row_points[6][3] = {{1.0 / 4, 0, 0},
                                         {1.0 / 24, -1.0 / 12, 1.0 / 6},
                                         {0, 0, 1}};
 
-/* Point k of the 3x3 taps of a kernel. */
-static float point(const double *taps, unsigned k)
+double lull_pack_point(const double *taps, const double *column, const double *row)
 {
-    const double *column = column_points[k / 6], *row = row_points[k % 6];
     double sum = 0;
     for (unsigned y = 0; y < 3; y++)
         sum += column[y] *
                (row[0] * taps[3 * y] + row[1] * taps[3 * y + 1] + row[2] * taps[3 * y + 2]);
-    return (float)sum;
+    return sum;
 }
 
 void lull_pack_winograd(float *out, const lull_tza_tensor *weight, unsigned outputs,
@@ -35,7 +33,7 @@ void lull_pack_winograd(float *out, const lull_tza_tensor *weight, unsigned outp
                     weight, ((size_t)o * weight->dims[1] + offset + c) * 9 + i);
             for (unsigned k = 0; k < LULL_WINOGRAD_POINTS; k++)
                 if (!is_up || !lull_winograd_vanishes(k)) {
-                    *to = point(taps, k);
+                    *to = (float)lull_pack_point(taps, column_points[k / 6], row_points[k % 6]);
                     to += whole * channels;
                 }
         }
