@@ -81,6 +81,8 @@ void lull_exec_filter(const lull_task *t, unsigned x, unsigned y, unsigned n, un
  * brought to `block`. */
 void lull_exec_radiance(lull_encoding *from, const lull_task *t, float *block, unsigned x,
                         unsigned y, unsigned n);
-float *lull_exec_scratch(const lull_task *t, unsigned worker);
+
+/* Memory of a worker: lull_plan.scratch_bytes of it. */
+void *lull_exec_scratch(const lull_task *t, unsigned worker);
 
 #endif

@@ -181,10 +181,9 @@ static void load_kernel(const lull_task *t, float *block, unsigned x, unsigned y
         load_albedo(t, from.albedo, x, y, n);
 }
 
-float *lull_exec_scratch(const lull_task *t, unsigned worker)
+void *lull_exec_scratch(const lull_task *t, unsigned worker)
 {
-    const lull_plan *plan = t->plan;
-    return (float *)(void *)((uint8_t *)t->plan + plan->scratch + plan->scratch_bytes * worker);
+    return (uint8_t *)t->plan + t->plan->scratch + t->plan->scratch_bytes * worker;
 }
 
 /* Zeros in the columns of a part of row y of a tensor. */

@@ -152,7 +152,7 @@ static void make_conv(const lull_task *t, unsigned x, unsigned y, unsigned n, un
         return;
     }
     row = lull_exec_row(plan, t->layer + 1, y);
-    above = (uint8_t *)plan + plan->scratch + plan->scratch_bytes * worker;
+    above = lull_exec_scratch(t, worker);
     below = above + n * pixel;
     conv_row(plan, t->layer, above, NULL, x, 2 * y, n);
     conv_row(plan, t->layer, below, NULL, x, 2 * y + 1, n);

@@ -51,8 +51,7 @@ static void make_rows(lull_patches *out, const lull_task *t, const lull_points *
     const lull_plan *plan = t->plan;
     const lull_layer *layer = &plan->model->graph.layer[t->layer];
     const lull_ring *ring = &plan->ring[t->layer + 1];
-    uint8_t *start = (uint8_t *)t->plan + plan->scratch + plan->scratch_bytes * worker +
-                     points->offset[1];
+    uint8_t *start = (uint8_t *)lull_exec_scratch(t, worker) + points->offset[1];
     size_t row = points->plane[1] * sizeof(int32_t);
     out->is_raw = layer->has_patches > 1;
     for (unsigned i = 0; i < LULL_PATCH_SIDE >> layer->pool; i++)
@@ -71,7 +70,7 @@ void lull_exec_patches(const lull_task *t, unsigned x, unsigned y, unsigned n, u
     const lull_packed_layer *packed = &plan->model->layer[t->layer];
     const lull_ring *ring = &plan->ring[t->layer + 1];
     uint8_t *base = (uint8_t *)plan->model;
-    uint8_t *scratch = (uint8_t *)t->plan + plan->scratch + plan->scratch_bytes * worker;
+    uint8_t *scratch = lull_exec_scratch(t, worker);
     lull_patches in, out;
     lull_points points;
     lull_plan_points(&points, plan, t->layer);

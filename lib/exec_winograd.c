@@ -58,7 +58,7 @@ void lull_exec_winograd(const lull_task *t, unsigned x, unsigned y, unsigned n, 
     const lull_layer *layer = &plan->model->graph.layer[t->layer];
     lull_winograd image[3];
     lull_points points;
-    uint8_t *scratch = (uint8_t *)t->plan + plan->scratch + plan->scratch_bytes * worker;
+    uint8_t *scratch = lull_exec_scratch(t, worker);
     lull_plan_points(&points, plan, t->layer);
     memset(image, 0, sizeof image);
     for (unsigned s = 0; s < 3; s++) {
