@@ -22,20 +22,6 @@ static void add_narrow(int32_t *sum, const lull_segment *segment, unsigned block
                       x[3] * w[4 * o + 3];
 }
 
-static int32_t requantised(const lull_conv *conv, int32_t sum, unsigned o)
-{
-    int64_t q = ((int64_t)sum * conv->multiplier[o] + (1 << 30)) >> 31;
-    return (int32_t)(q < 0 ? 0 : q > conv->out_max ? conv->out_max : q);
-}
-
-static void store(const lull_conv *conv, size_t at, int32_t q)
-{
-    if (conv->out_max <= 255)
-        ((uint8_t *)conv->out)[at] = (uint8_t)q;
-    else
-        ((uint16_t *)conv->out)[at] = (uint16_t)q;
-}
-
 static void pixel(const lull_conv *conv, unsigned block, unsigned p)
 {
     int32_t sum[B] = {0};
@@ -51,7 +37,7 @@ static void pixel(const lull_conv *conv, unsigned block, unsigned p)
     for (; s < conv->segments; s++)
         add_narrow(sum, &conv->segment[s], block, p);
     for (unsigned o = 0; o < n; o++)
-        store(conv, at + o, requantised(conv, sum[o], first + o));
+        lull_store_scalar(conv->out, at + o, sum[o], conv->multiplier[first + o], conv->out_max);
 }
 
 void lull_conv_int_scalar(const lull_conv *conv)
@@ -101,5 +87,6 @@ void lull_conv_int3_scalar(const lull_conv *conv)
 {
     for (size_t p = 0; p < conv->pixels; p++)
         for (unsigned o = 0; o < 3; o++)
-            store(conv, p * conv->out_step + o, requantised(conv, int3_sum(conv, p, o), o));
+            lull_store_scalar(conv->out, p * conv->out_step + o, int3_sum(conv, p, o),
+                              conv->multiplier[o], conv->out_max);
 }

@@ -107,15 +107,12 @@ static void make_patch(int32_t y[16], const int32_t *sums, size_t plane)
 
 static void store(const lull_patches *image, unsigned row, size_t at, unsigned c, int32_t a)
 {
-    int64_t q = ((int64_t)(a + image->bias[c]) * image->multiplier[c] + (1 << 30)) >> 31;
-    q = q < 0 ? 0 : q > image->out_max ? image->out_max : q;
     at = at * image->channels + c;
+    a += image->bias[c];
     if (image->is_raw)
-        ((int32_t *)(void *)image->out[row])[at] = a + image->bias[c];
-    else if (image->out_max <= 255)
-        image->out[row][at] = (uint8_t)q;
+        ((int32_t *)(void *)image->out[row])[at] = a;
     else
-        ((uint16_t *)(void *)image->out[row])[at] = (uint16_t)q;
+        lull_store_scalar(image->out[row], at, a, image->multiplier[c], image->out_max);
 }
 
 static int32_t most(int32_t a, int32_t b) { return a > b ? a : b; }
