@@ -35,8 +35,7 @@ static uint32_t allowed_ports(void)
 
 static void tell_ports(json *report)
 {
-    uint32_t available;
-    available = lull_ports_available();
+    uint32_t available = lull_ports_available();
     const char *cpu = oidnGetNumPhysicalDevices() > 0 ? oidnGetPhysicalDeviceString(0, "name") : "";
     report_line("lull %d.%d.%d\n", LULL_VERSION_MAJOR, LULL_VERSION_MINOR, LULL_VERSION_PATCH);
     report_line("CPU: %s\n", cpu ? cpu : "unknown");
