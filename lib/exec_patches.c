@@ -6,7 +6,7 @@ static void make_points(lull_patches *image, const lull_plan *plan, unsigned l, 
                         unsigned y)
 {
     const lull_layer *layer = &plan->model->graph.layer[l];
-    unsigned tensor = layer->source[layer->has_patches - 1];
+    unsigned tensor = layer->source[lull_layer_patched(layer)];
     ptrdiff_t pixel = (ptrdiff_t)lull_ring_pixel(&plan->ring[tensor]);
     image->channels = plan->ring[tensor].channels;
     for (unsigned i = 0; i < 6; i++)
@@ -53,7 +53,7 @@ static void make_rows(lull_patches *out, const lull_task *t, const lull_points *
     const lull_ring *ring = &plan->ring[t->layer + 1];
     uint8_t *start = (uint8_t *)lull_exec_scratch(t, worker) + points->offset[1];
     size_t row = points->plane[1] * sizeof(int32_t);
-    out->is_raw = layer->has_patches > 1;
+    out->is_raw = lull_layer_patched(layer) != 0;
     for (unsigned i = 0; i < LULL_PATCH_SIDE >> layer->pool; i++)
         out->out[i] = out->is_raw ? start + i * row
                                   : lull_exec_row(plan, t->layer + 1, y + i) +
@@ -76,7 +76,7 @@ void lull_exec_patches(const lull_task *t, unsigned x, unsigned y, unsigned n, u
     lull_plan_points(&points, plan, t->layer);
     memset(&in, 0, sizeof in);
     in.patches = n / LULL_PATCH_SIDE;
-    in.is_wide = plan->ring[layer->source[layer->has_patches - 1]].dtype == LULL_DTYPE_U15;
+    in.is_wide = plan->ring[layer->source[lull_layer_patched(layer)]].dtype == LULL_DTYPE_U15;
     out = in;
     in.points = (int16_t *)(void *)(scratch + points.offset[0]);
     in.plane = points.plane[0];

@@ -59,7 +59,7 @@ typedef struct lull_layer {
     uint8_t is_wide;     /* integer models: the output has 15-bit codes */
     uint8_t is_winograd; /* fp32: computed in Winograd's form, two rows together */
     uint8_t has_patches; /* integers: 1 + number of the source that is packed for patches, too, four
-                          * rows together; or 0 */
+                          * rows together (lull_layer_patched); or 0 */
 } lull_layer;
 
 typedef struct lull_graph {
@@ -102,6 +102,9 @@ int lull_graph_planes(const lull_graph *graph, unsigned tensor);
 int lull_layer_is_conv(const lull_layer *layer);
 /* 1 if its first source is upsampled by 2. */
 int lull_layer_is_up(const lull_layer *layer);
+
+/* Number of the source that a layer which has patches is packed for: 0, or 1 for its skip. */
+LULL_INLINE unsigned lull_layer_patched(const lull_layer *layer) { return layer->has_patches - 1u; }
 
 /* Outputs that no layer before makes, too. */
 unsigned lull_layer_own_outputs(const lull_layer *layer);

@@ -27,6 +27,13 @@ unsigned lull_pack_block(const lull_layer *layer, unsigned phase, unsigned row)
     return LULL_PACK_SOURCE + (lull_layer_is_up(layer) ? 2 * phase + row : row);
 }
 
+/* The tensor with the taps of a layer's source or skip. */
+static const lull_tza_tensor *taps_of(const lull_graph *graph, const lull_layer_tensors *tensors,
+                                      unsigned is_skip)
+{
+    return is_skip && graph->is_integer ? &tensors->skip : &tensors->weight;
+}
+
 /* Describes block number `index` of a layer; returns 0 if the layer has no such block. Layers in
  * Winograd's form have none. */
 static int describe(block *b, const lull_graph *graph, unsigned l, unsigned index,
@@ -40,7 +47,7 @@ static int describe(block *b, const lull_graph *graph, unsigned l, unsigned inde
     if (!lull_layer_is_conv(layer) || layer->is_winograd || !b->inputs ||
         (!is_skip && !is_up && index >= (is_head ? 1u : 3u)))
         return 0;
-    b->weight = is_skip && graph->is_integer ? &tensors->skip : &tensors->weight;
+    b->weight = taps_of(graph, tensors, is_skip);
     b->dtype = lull_graph_dtype(graph, layer->source[is_skip]);
     b->outputs = layer->outputs;
     b->offset = is_skip && !graph->is_integer ? lull_layer_inputs(graph, layer, 0) : 0;
@@ -302,7 +309,7 @@ static size_t layout(lull_packed_layer *packed, const lull_graph *graph,
     if (graph->layer[l].has_patches) {
         packed->point_bytes =
             outputs * sizeof(int16_t) *
-            lull_layer_inputs(graph, &graph->layer[l], graph->layer[l].has_patches - 1u);
+            lull_layer_inputs(graph, &graph->layer[l], lull_layer_patched(&graph->layer[l]));
         packed->patches = lull_append(&total, packed->point_bytes * LULL_PATCH_POINTS);
     }
     return total;
@@ -322,11 +329,12 @@ static void pack_layer(lull_model *model, unsigned l, const lull_tza *tza)
     lull_graph_tensors(&tensors, layer, tza);
     if (layer->is_winograd)
         pack_winograd(model, l, &tensors, lanes);
-    if (layer->has_patches)
+    if (layer->has_patches) {
+        unsigned patched = lull_layer_patched(layer);
         lull_pack_patches((int16_t *)(void *)(base + packed->patches),
-                          layer->has_patches == 2 ? &tensors.skip : &tensors.weight,
-                          layer->outputs,
-                          lull_layer_inputs(&model->graph, layer, layer->has_patches - 1u), lanes);
+                          taps_of(&model->graph, &tensors, patched), layer->outputs,
+                          lull_layer_inputs(&model->graph, layer, patched), lanes);
+    }
     for (unsigned i = 0; i < LULL_PACK_BLOCKS; i++)
         if (describe(&b, &model->graph, l, i, &tensors)) {
             unsigned split = is_split(&b, &model->kernels) ? 2 : 0;
@@ -370,7 +378,7 @@ static void choose_patches(lull_graph *graph, const lull_kernels *kernels, const
             step % LULL_PATCH_SIDE)
             continue;
         lull_graph_tensors(&tensors, layer, tza);
-        if (lull_pack_fits_patches(skip ? &tensors.skip : &tensors.weight, layer->outputs, inputs))
+        if (lull_pack_fits_patches(taps_of(graph, &tensors, skip), layer->outputs, inputs))
             layer->has_patches = (uint8_t)(1 + skip);
     }
 }

@@ -224,7 +224,7 @@ static unsigned point_sets(const lull_plan *plan, unsigned l)
 {
     const lull_graph *graph = &plan->model->graph;
     const lull_layer *layer = &graph->layer[l];
-    unsigned tensor = layer->source[layer->has_patches - 1];
+    unsigned tensor = layer->source[lull_layer_patched(layer)];
     return lull_graph_dtype(graph, tensor) == LULL_DTYPE_U15 ? 2 : 1;
 }
 
@@ -233,7 +233,7 @@ static size_t patched_bytes(const lull_plan *plan, unsigned l, unsigned s)
 {
     const lull_graph *graph = &plan->model->graph;
     const lull_layer *layer = &graph->layer[l];
-    unsigned points = LULL_PATCH_POINTS, source = layer->has_patches - 1u;
+    unsigned points = LULL_PATCH_POINTS, source = lull_layer_patched(layer);
     if (s == 0)
         return points * lull_layer_inputs(graph, layer, source) * sizeof(int16_t);
     if (s == 1)
