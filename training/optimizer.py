@@ -15,6 +15,7 @@ from torch import Tensor
 
 KINDS = ["adam", "muon"]
 MOMENTUM = 0.95
+DECAY = 0.1  # of Muon's matrices in a step, times the rate: steps of one length add up
 STEPS, QUINTIC = 5, (3.4445, -4.7750, 2.0315)  # of Newton and Schulz's iteration, Jordan's factors
 LEAST_OUTPUTS = 8  # of a layer whose kernels are a matrix worth the name
 
@@ -74,6 +75,7 @@ class Muon(torch.optim.Optimizer):
                 momentum = self.state[p]["momentum"]
                 momentum.lerp_(p.grad, 1 - MOMENTUM)
                 move = orthogonal(p.grad.lerp(momentum, MOMENTUM))
+                p.mul_(1 - DECAY * group["lr"])
                 p.add_(move, alpha=-0.2 * max(p.shape) ** 0.5 * group["lr"])
 
 

@@ -30,7 +30,7 @@ from training import errors, parallel
 from training.augment import Augment
 from training.console import Bar, duration
 from training.data import Batches, Picture, from_raw, hold_out
-from training.dead import Channels
+from training.dead import REVIVED_UNTIL, Channels, report, revive
 from training.errors import DATA, INTERRUPTED, STATE, ToolError
 from training.integer_stage import quantize_aware
 from training.loss import balance, make_loss
@@ -83,6 +83,7 @@ def worker(settings: Settings, team: parallel.Team) -> None:
     loss_of = make_loss(settings.loss, settings.msssim_weights)
     run = parallel.compiled(model, settings, team)
     mixed = parallel.Mixed(settings, team)
+    channels = Channels(model)
 
     # State: the steps done, the seconds they took, the best validation.
     step, elapsed, best = 0, 0.0, math.inf
@@ -97,6 +98,7 @@ def worker(settings: Settings, team: parallel.Team) -> None:
         if ema and state.get("ema_state"):
             ema = [state["ema_state"][k].clone() for k, _ in model.named_parameters()]
         mixed.load(state.get("scaler_state"))
+        channels.load(state.get("channels", (None, 0)))
         say(f"Resuming result: {result.name} (epoch {step // steps_per_epoch})")
     else:
         say(f"Result: {result.name}")
@@ -110,9 +112,9 @@ def worker(settings: Settings, team: parallel.Team) -> None:
         return {"step": step, "elapsed": elapsed + time.monotonic() - start, "best": best,
                 "planned": plan.planned, "budget": plan.budget,
                 "model_state": model.state_dict(), "optimizer_state": optimizer.state_dict(),
-                "ema_state": dict(zip(names, ema)) if ema else None, "scaler_state": mixed.state()}
+                "ema_state": dict(zip(names, ema)) if ema else None, "scaler_state": mixed.state(),
+                "channels": channels.state()}
 
-    channels = Channels(model)
     board = Board(result.folder / "log", settings, enabled=team.rank == 0)
     loader = parallel.loader(batches, range(step, plan.planned or plan.total), settings)
     bar, start = Bar(enabled=team.rank == 0), time.monotonic()
@@ -175,8 +177,12 @@ def worker(settings: Settings, team: parallel.Team) -> None:
                     f"{duration(now - epoch_start)}, eta {duration(left)})")
             board.scalars(epoch, loss=mean_loss, learning_rate=rate)
             judged = finished or due(epoch, settings.num_valid_epochs)
-            if judged and team.rank == 0:
-                channels.report(board, epoch)
+            dead = channels.dead()
+            if dead is not None:
+                if team.rank == 0:
+                    report(dead, board, epoch, aloud=judged)
+                if plan.progress(step) < REVIVED_UNTIL:
+                    revive(model, dead, settings.seed + step)
             if valid and judged:
                 scores = validate(model, ema, valid, settings, loss_of, team, bar)
                 board.validation(epoch, scores)

@@ -10,9 +10,8 @@ from training import dead, nets, train
 from training.result import Result
 
 
-
 @pytest.mark.parametrize("model", ["w16", "k8"])
-def test_dead_channels_are_warned_of(raw, work, capsys, monkeypatch, model):
+def test_dead_channels_are_warned_of_and_revived(raw, work, capsys, monkeypatch, model):
     """Two channels of the first layer are killed, which was alive as a whole."""
     reader = pytest.importorskip("tensorboard.backend.event_processing.event_accumulator")
     monkeypatch.setattr(dead, "STEPS", 6)
@@ -28,16 +27,39 @@ def test_dead_channels_are_warned_of(raw, work, capsys, monkeypatch, model):
     torch.save(state, "killed.pt")
     train.main([*options, "-r", "b", "--init", "killed.pt"])
     lines = capsys.readouterr().err.splitlines()
-    assert len(lines) == 2
-    for line in lines:
-        assert re.match(r"Warning: \d+ of \d+ channels are dead, without a gradient in 6 steps: "
-                        f"2 of {len(state[layer + '.bias'])} in {layer}[,;]", line)
-        assert "--max_lr" in line
+    width = len(state[layer + ".bias"])
+    assert re.match(r"Warning: \d+ of \d+ channels are dead, without a gradient since the last "
+                    f"look: 2 of {width} in {layer}[,;]", lines[0])
+    assert "--max_lr" in lines[0] and not any(f" in {layer}" in line for line in lines[1:])
     log = reader.EventAccumulator("results/b/log")
     log.Reload()
-    assert [(e.step, e.value) for e in log.Scalars(f"dead_channels/{layer}")] == [(2, 2), (4, 2)]
-    total = [int(line.split()[1]) for line in lines]
-    assert [e.value for e in log.Scalars("dead_channels")] == total
+    assert [(e.step, e.value) for e in log.Scalars(f"dead_channels/{layer}")] == [(2, 2)]
+    assert [e.step for e in log.Scalars("dead_channels")] == [2, 4]
+    assert log.Scalars("dead_channels")[0].value == int(lines[0].split()[1])
+    assert (Result("results", "b").load()["model_state"][f"{layer}.bias"] > -1).all()
+
+
+@pytest.mark.parametrize("model", ["unet:" + ",".join(["8"] * 15), "k8"])
+def test_a_layer_that_is_dead_as_a_whole_comes_back(model):
+    """And every layer that reads it is told, but hardly changes what it gives."""
+    torch.manual_seed(2)
+    net = nets.build(model, 9)
+    inner = getattr(net, "trunk", net)
+    x = torch.rand(1, 12 if net.net.family == "K" else 9, 32, 32)
+    name = net.net.layers[2].name
+    getattr(net, name).bias.data.fill_(-1e3)
+    before = [y.detach().clone() for y in inner(x)]
+    gone = {name: torch.ones(len(getattr(net, name).bias), dtype=torch.bool)}
+    dead.revive(net, gone, 5)
+    after = inner(x)
+    assert all((a - b).abs().max() < 0.5 for a, b in zip(after, before))
+    sum(y.square().sum() for y in after).backward()
+    alive = getattr(net, name).bias.grad != 0
+    assert alive.float().mean() > 0.5
+    copy = nets.build(model, 9)
+    copy.load_state_dict(net.state_dict())
+    dead.revive(net, gone, 6), dead.revive(copy, gone, 6)
+    assert all(torch.equal(a, b) for a, b in zip(net.parameters(), copy.parameters()))
 
 
 def test_a_few_steps_are_no_judgement():
@@ -47,7 +69,10 @@ def test_a_few_steps_are_no_judgement():
     for _ in range(dead.STEPS - 1):
         channels.watch()
     assert channels.dead() is None
-    channels.watch()
-    counts = channels.dead()
-    assert list(counts) == [layer.name for layer in model.net.layers]
+    other = dead.Channels(model)
+    other.load(channels.state())
+    channels.watch(), other.watch()
+    found = channels.dead()
+    assert list(found) == [layer.name for layer in model.net.layers]
+    assert all(torch.equal(found[k], v) for k, v in other.dead().items())
     assert channels.dead() is None  # it begins anew

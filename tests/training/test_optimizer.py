@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from training import nets, parallel
-from training.optimizer import MOMENTUM, Muon, Optimizer, is_matrix, orthogonal
+from training.optimizer import DECAY, MOMENTUM, Muon, Optimizer, is_matrix, orthogonal
 
 
 def steps(model, kind: str, count: int = 3, rate: float = 1e-2):
@@ -69,7 +69,7 @@ def test_muon_is_pytorchs(shape):
     torch.manual_seed(4)
     mine, theirs = (torch.zeros(shape, requires_grad=True) for _ in range(2))
     a = Muon([mine], 1e-2)
-    b = torch.optim.Muon([theirs], 1e-2, weight_decay=0.0, adjust_lr_fn="match_rms_adamw")
+    b = torch.optim.Muon([theirs], 1e-2, weight_decay=DECAY, adjust_lr_fn="match_rms_adamw")
     for _ in range(4):
         mine.grad = torch.randn(shape)
         theirs.grad = mine.grad.clone()
