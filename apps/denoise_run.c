@@ -46,12 +46,6 @@ exit_code denoise_run(const denoise_settings *settings)
     if (code == EXIT_INTERRUPTED)
         report_error(code, "interrupted");
     json_number(&report, "peak_memory_bytes", (double)platform_peak_memory());
-    json_number(&report, "exit_code", code);
-    if (code)
-        json_text(&report, "error", report_last_error());
-    json_close(&report, '}');
-    if (settings->is_json)
-        json_print(&report);
-    free(report.text);
+    report_end(&report, code, settings->is_json);
     return code;
 }

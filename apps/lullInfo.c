@@ -438,13 +438,7 @@ int main(int argc, char **argv)
         report_be_quiet();
     json_open(&report, NULL, '{');
     code = run(&s, &report);
-    json_number(&report, "exit_code", code);
-    if (code)
-        json_text(&report, "error", report_last_error());
-    json_close(&report, '}');
-    if (s.is_json)
-        json_print(&report);
-    free(report.text);
+    report_end(&report, code, s.is_json);
     free(s.files);
     return code;
 }

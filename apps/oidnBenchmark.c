@@ -325,13 +325,7 @@ static exit_code run(const settings *s)
     if (code == EXIT_INTERRUPTED)
         report_error(code, "interrupted");
     json_number(&report, "peak_memory_bytes", (double)platform_peak_memory());
-    json_number(&report, "exit_code", code);
-    if (code)
-        json_text(&report, "error", report_last_error());
-    json_close(&report, '}');
-    if (s->is_json)
-        json_print(&report);
-    free(report.text);
+    report_end(&report, code, s->is_json);
     return code;
 }
 

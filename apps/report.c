@@ -2,6 +2,7 @@
 
 #include <stdarg.h>
 #include <stdio.h>
+#include <stdlib.h>
 
 static char last_error[1024];
 static int is_quiet;
@@ -32,4 +33,15 @@ void report_line(const char *format, ...)
     vprintf(format, arguments);
     va_end(arguments);
     fflush(stdout);
+}
+
+void report_end(json *report, exit_code code, int is_json)
+{
+    json_number(report, "exit_code", code);
+    if (code)
+        json_text(report, "error", last_error);
+    json_close(report, '}');
+    if (is_json)
+        json_print(report);
+    free(report->text);
 }

@@ -2,6 +2,8 @@
 #ifndef LULL_APPS_REPORT_H
 #define LULL_APPS_REPORT_H
 
+#include "json.h"
+
 typedef enum exit_code {
     EXIT_OK = 0,
     EXIT_USAGE = 1,        /* wrong options, or help was asked for */
@@ -29,5 +31,9 @@ const char *report_last_error(void);
  */
 void report_line(const char *format, ...) REPORT_PRINTF(1, 2);
 void report_be_quiet(void);
+
+/* Ends a program's JSON object with its exit code and, if that tells of one, the last error; prints
+ * it if is_json, and frees it. */
+void report_end(json *report, exit_code code, int is_json);
 
 #endif
