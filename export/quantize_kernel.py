@@ -7,7 +7,6 @@ the activations.
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,9 +14,11 @@ from pathlib import Path
 import numpy as np
 
 from export import kernel, pixels
+from export.quantize import write_tensors
 from export.quantizer import SCALE_MAX, Options, Quantizer
 from export.reference import NARROW_MAX
-from export.tza import Reader, Writer
+from export.tza import Reader
+from training.errors import ToolError
 
 
 class KernelQuantizer(Quantizer):
@@ -130,14 +131,10 @@ def main(argv: list[str] | None = None) -> int:
         tensors = read_tensors(args.input)
         model = kernel.FloatTrunk(kernel.find_trunk(tensors, str(args.input)), tensors)
         made = KernelQuantizer(model, calibration_set(args.data, args.count), Options()).run()
-    except (ValueError, OSError) as e:
+        write_tensors(args.output, tensors_of(made))
+    except (ValueError, OSError, ToolError) as e:
         print(f"quantize_kernel: {e}", file=sys.stderr)
         return 2
-    temporary = args.output.with_name(f".{args.output.name}.{os.getpid()}.tmp")
-    with Writer(temporary) as w:
-        for name, array in tensors_of(made).items():
-            w.write(name, np.ascontiguousarray(array))
-    os.replace(temporary, args.output)
     return 0
 
 

@@ -254,6 +254,8 @@ def test_weights_of_elsewhere(raw, work, capsys):
     assert Path("again.tza").read_bytes() == Path("k.tza").read_bytes()
     Path("bad.pt").write_bytes(b"x")
     assert quantize_kernel.main(["bad.pt", "x.tza", "--data", str(raw / "train")]) == 2
+    assert quantize_kernel.main(["k.tza", "k.pt/x.tza", "--data", str(raw / "train"), "--count",
+                                 "1"]) == 2  # the output's folder is a file
     wild = {k: v * (1e4 if k in ("enc4b.weight", "head4.weight") else 1)
             for k, v in net.state_dict().items()}
     torch.save(wild, "wild.pt")
