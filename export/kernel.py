@@ -226,14 +226,7 @@ def run_frame(model: IntTrunk, frame: pixels.Frame, channels: int = 3) -> np.nda
     v = apply_filter([maps[n] for n in model.net.heads], r, aux["albedo"])
     v = pixels.sanitize(v, 1.0, 0.0, pixels.MAX)
     v = pixels.srgb_forward(v) if frame.content == "srgb" and not rule.is_signed else v
-    if channels == 1:
-        v = ((v[..., 0] + v[..., 1]) + v[..., 2])[..., None] / F(3)
-    if rule.is_signed:
-        v = np.maximum(v * F(2) - F(1), F(-1))
-    if not rule.is_hdr:
-        v = np.minimum(v, F(1))
-    with np.errstate(over="ignore", invalid="ignore"):
-        return (v * (F(1) / scale if scale != 0 else F(0)))[..., :channels]
+    return frame.stored(v, channels)
 
 
 def load(path: Path | str) -> IntTrunk:

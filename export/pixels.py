@@ -267,8 +267,11 @@ class Frame:
 
     def finished(self, values: np.ndarray, channels: int = 3) -> np.ndarray:
         """Network output [H,W,3] to image values [H,W,channels]."""
+        return self.stored(self.rule().inverse(sanitize(values, 1.0, 0.0, MAX)), channels)
+
+    def stored(self, v: np.ndarray, channels: int) -> np.ndarray:
+        """What is left once values are in the image's transfer: channels, sign, range, scale."""
         rule, scale = self.rule(), self.input_scale()
-        v = rule.inverse(sanitize(values, 1.0, 0.0, MAX))
         if channels == 1:
             v = ((v[..., 0] + v[..., 1]) + v[..., 2])[..., None] / F(3)
         if rule.is_signed:
