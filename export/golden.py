@@ -11,7 +11,6 @@ One folder per case, tests/golden/<name>/:
 """
 from __future__ import annotations
 
-import argparse
 import sys
 import tempfile
 from dataclasses import dataclass
@@ -20,10 +19,10 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from export.golden_int import command
 from export.tza import Reader, write_weights
 from training import nets
 
-ROOT = Path(__file__).resolve().parent.parent
 TOLERANCE = 1e-4  # between torch versions and machines; values are of the order of 1
 OUTPUTS = 3
 
@@ -128,20 +127,7 @@ def check(out: Path) -> list[str]:
 
 
 def main(argv: list[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=ROOT / "tests" / "golden")
-    parser.add_argument("--check", action="store_true")
-    args = parser.parse_args(argv)
-    if args.check:
-        problems = check(args.out)
-        print("\n".join(problems) or f"{len(CASES)} cases as expected",
-              file=sys.stderr if problems else sys.stdout)
-        return 1 if problems else 0
-    for case in CASES:
-        write_case(case, args.out / case.name)
-    size = sum(f.stat().st_size for f in args.out.rglob("*") if f.is_file())
-    print(f"{len(CASES)} cases, {size / 1024:.0f} KiB in {args.out}")
-    return 0
+    return command(__doc__, CASES, write_case, check, argv)
 
 
 if __name__ == "__main__":

@@ -15,6 +15,7 @@ from __future__ import annotations
 import argparse
 import sys
 import tempfile
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -168,21 +169,27 @@ def check(out: Path) -> list[str]:
     return problems
 
 
-def main(argv: list[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+def command(doc: str, cases: Sequence[Case], write: Callable[..., None],
+            check: Callable[[Path], list[str]], argv: list[str] | None) -> int:
+    """The command of a module of golden vectors, whose docstring is `doc`; its exit status."""
+    parser = argparse.ArgumentParser(description=doc.splitlines()[0])
     parser.add_argument("--out", type=Path, default=ROOT / "tests" / "golden")
     parser.add_argument("--check", action="store_true")
     args = parser.parse_args(argv)
     if args.check:
         problems = check(args.out)
-        print("\n".join(problems) or f"{len(CASES)} cases as expected",
+        print("\n".join(problems) or f"{len(cases)} cases as expected",
               file=sys.stderr if problems else sys.stdout)
         return 1 if problems else 0
-    for case in CASES:
-        write_case(case, args.out / case.name)
-    size = sum(f.stat().st_size for f in args.out.glob("int_*/*"))
-    print(f"{len(CASES)} cases, {size / 1024:.0f} KiB in {args.out}")
+    for case in cases:
+        write(case, args.out / case.name)
+    size = sum(f.stat().st_size for case in cases for f in (args.out / case.name).iterdir())
+    print(f"{len(cases)} cases, {size / 1024:.0f} KiB in {args.out}")
     return 0
+
+
+def main(argv: list[str] | None = None) -> int:
+    return command(__doc__, CASES, write_case, check, argv)
 
 
 if __name__ == "__main__":
