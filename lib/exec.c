@@ -118,6 +118,27 @@ static void take_turns(lull_group *g, lull_task *t, unsigned batch, unsigned l, 
                 lull_plan_rows(plan, l) == 1;
 }
 
+/* Handing a loop to threads and waiting for them takes about as long as the blending of so many
+ * pixels; a 5x5 mean takes as long as MEAN_COST of them. */
+#define SHORT_LOOP 2500u
+#define MEAN_COST 4u
+
+/* 1 if the groups are a few pixels of the filter, which one thread makes as fast as many. */
+static int is_short(const lull_task *t)
+{
+    const lull_graph *graph = &t->plan->model->graph;
+    unsigned cost = 0;
+    for (const lull_group *g = t->group; g < t->group + t->groups; g++)
+        for (unsigned l = g->layer; l < g->layer + g->layers; l++) {
+            const lull_layer *layer = &graph->layer[l];
+            if (lull_layer_is_conv(layer) || g->stores)
+                return 0;
+            cost += g->rows * ((t->right - t->left) >> layer->level) *
+                    (layer->reads[0] == LULL_READS_5 ? MEAN_COST : 1);
+        }
+    return cost < SHORT_LOOP;
+}
+
 /* The turns of layers from l on that do not need each other, in one loop. Returns the layer after
  * them; graph->layers + 1 if the host cancels. */
 static unsigned take_batch(lull_task *t, unsigned l, const lull_host *host)
@@ -143,7 +164,7 @@ static unsigned take_batch(lull_task *t, unsigned l, const lull_host *host)
         t->groups++;
         l += g->layers;
     }
-    parallel(plan, host, count, lull_exec_chunk, t);
+    parallel(plan, is_short(t) ? NULL : host, count, lull_exec_chunk, t);
     if (t->groups && t->group[t->groups - 1].stores)
         plan->stored = lull_min_u(plan->done[graph->layers], plan->frame.height);
     return l;
