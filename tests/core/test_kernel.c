@@ -163,10 +163,53 @@ static void equals_the_reference(void)
     free(weights);
 }
 
+/* A frame so wide that loops over the filter's small levels are shared, too. */
+static void wide_frames_do_not_depend_on_threads(void)
+{
+    enum { WIDE = 700, ROWS = 64 };
+    size_t values = (size_t)WIDE * ROWS * 3, bytes, model_bytes;
+    void *weights = read_file("weights.tza", &bytes), *model_memory;
+    float *in = malloc(values * sizeof *in), *out[2];
+    lull_model *model;
+    model_bytes = lull_model_size(weights, bytes, LULL_PORTS_ALL);
+    model_memory = aligned(model_bytes);
+    CHECK_EQ(lull_model_init(&model, model_memory, model_bytes, weights, bytes, LULL_PORTS_ALL),
+             LULL_OK);
+    for (size_t i = 0; i < values; i++)
+        in[i] = (float)(i * 2654435761u >> 7 & 1023u) / 512.0f;
+    for (unsigned i = 0; i < 2; i++) {
+        unsigned threads = 1 + 2 * i;
+        lull_frame frame = lull_frame_default(WIDE, ROWS, LULL_HDR, 7);
+        lull_image image = {in, LULL_F32, 3, 0, 0};
+        lull_images images = {0};
+        lull_host host = {&threads, backwards, NULL};
+        size_t plan_bytes;
+        void *plan_memory;
+        lull_plan *plan;
+        frame.threads = threads;
+        frame.row_step = 8;
+        plan_bytes = lull_plan_size(&frame, model);
+        plan_memory = aligned(plan_bytes);
+        CHECK_EQ(lull_plan_init(&plan, plan_memory, plan_bytes, &frame, model), LULL_OK);
+        images.color = images.albedo = images.normal = images.output = image;
+        images.output.data = out[i] = malloc(values * sizeof *in);
+        images.input_scale = NAN;
+        CHECK_EQ(lull_run(plan, &images, &host), LULL_OK);
+        free(plan_memory);
+    }
+    CHECK(memcmp(out[0], out[1], values * sizeof *in) == 0);
+    free(out[0]);
+    free(out[1]);
+    free(in);
+    free(model_memory);
+    free(weights);
+}
+
 int main(int argc, char **argv)
 {
     CHECK_MAIN(argc, argv);
     lull_ports_request();
     RUN(equals_the_reference);
+    RUN(wide_frames_do_not_depend_on_threads);
     return check_report();
 }
