@@ -1,0 +1,44 @@
+"""The built-in models use all of their network: no layer has mostly dead channels, which cost time
+and size and leave the filter's coarse levels the same everywhere."""
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from export import kernel
+from training.imageio import read_exr_channels
+
+BUILT_IN = ["kernel5_8", "kernel5_16", "kernel5_32"]
+SIDE = 128
+
+
+@pytest.fixture(scope="module")
+def inputs(root) -> list[np.ndarray]:
+    """Codes of parts of the demo's picture, with and without features, at two exposures."""
+    planes = read_exr_channels(root / "demo" / "house_0004spp.exr")
+    images = [np.stack([planes[name] for name in names], -1)[:SIDE, :SIDE].astype(np.float32)
+              for names in ("RGB", [f"albedo.{c}" for c in "RGB"], [f"normal.{c}" for c in "XYZ"])]
+    light, albedo, normal = images
+    return [kernel.encode(light * np.float32(scale), *features, False)
+            for scale in (0.3, 3.0) for features in ((albedo, normal), (None, None))]
+
+
+@pytest.mark.parametrize("name", BUILT_IN)
+def test_no_layer_is_dead(root, inputs, name):
+    model = kernel.load(root / "weights" / f"{name}.tza")
+    alive = {}
+    for codes in inputs:
+        for layer, values in model.maps(codes).items():
+            alive[layer] = alive.get(layer, False) | (values != 0).any((0, 1))
+    dead = {k: f"{(~v).sum()} of {v.size}" for k, v in alive.items() if (~v).mean() > 0.5}
+    assert not dead
+
+
+@pytest.mark.parametrize("name", BUILT_IN)
+def test_every_level_looks_at_the_picture(root, inputs, name):
+    """The kernels of each level differ from place to place."""
+    model = kernel.load(root / "weights" / f"{name}.tza")
+    maps = model.maps(inputs[0])
+    for head in model.net.heads:
+        taps = maps[head][..., :25].astype(float)
+        assert taps.std((0, 1)).max() > 1, head
