@@ -65,12 +65,12 @@ lull_part lull_exec_part(const lull_task *t, unsigned index, unsigned left, unsi
  * form. x and n, before pooling, are whole patches. */
 void lull_exec_winograd(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker);
 
-/* Columns [x, x+n) of four rows from y on (or of the pooled rows y and y + 1), in patches. x
- * and n, before pooling, are whole patches. */
+/* Columns [x, x+n) of four rows from y on (or of the pooled rows y and y + 1; or, if the layer has
+ * phases, of eight), in patches. x and n, before pooling, are whole patches. */
 void lull_exec_patches(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker);
 
-/* Columns [x, x+n) of row y of layer l from its first source, and `start`, which is the bias with
- * what the skip adds. */
+/* Columns [x, x+n) of row y of layer l from the source that has no patches, and `start`, which is
+ * the bias with what the other one adds. */
 void lull_exec_conv(const lull_plan *plan, unsigned l, const int32_t *start, unsigned x, unsigned y,
                     unsigned n);
 

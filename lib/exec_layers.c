@@ -74,7 +74,7 @@ static void add_skip(lull_conv *conv, const lull_plan *plan, unsigned l, int x, 
 }
 
 /* Columns [x, x+n) of row y of a layer's convolution; x and n even if the source is upsampled.
- * start: NULL, or the bias and what the skip adds, for each pixel. */
+ * start: NULL, or the bias and what the sources in patches add, for each pixel. */
 static void conv_row(const lull_plan *plan, unsigned l, uint8_t *out, const int32_t *start,
                      unsigned x, unsigned y, unsigned n)
 {
@@ -82,8 +82,10 @@ static void conv_row(const lull_plan *plan, unsigned l, uint8_t *out, const int3
     const lull_packed_layer *packed = &plan->model->layer[l];
     const lull_kernels *kernels = &plan->model->kernels;
     int is_wide = plan->ring[l + 1].dtype == LULL_DTYPE_U15;
-    int skip_first = layer->source[1] != LULL_TENSOR_NONE && !start && /* wide segments go first */
+    int skip_first = layer->source[1] != LULL_TENSOR_NONE && /* wide segments go first */
                      plan->ring[layer->source[1]].dtype == LULL_DTYPE_U15;
+    int has_source = !start || !(layer->has_patches & 1);
+    int has_skip = !start || !(layer->has_patches & 2);
     unsigned phases = lull_layer_is_up(layer) ? 2 : 1;
     void (*kernel)(const lull_conv *) = !plan->model->graph.is_integer ? kernels->conv_f32
                                         : lull_pack_is_int3(&plan->model->graph, kernels, l)
@@ -105,10 +107,11 @@ static void conv_row(const lull_plan *plan, unsigned l, uint8_t *out, const int3
         conv.out = out + phase * lull_ring_pixel(&plan->ring[l + 1]);
         conv.start = start ? start + phase * layer->outputs : NULL;
         conv.segments = conv.wide = 0;
-        if (skip_first)
+        if (skip_first && has_skip)
             add_skip(&conv, plan, l, (int)(x + phase), (int)y, phases);
-        add_source(&conv, plan, l, (int)(x + phase), (int)y);
-        if (!skip_first && !start)
+        if (has_source)
+            add_source(&conv, plan, l, (int)(x + phase), (int)y);
+        if (!skip_first && has_skip)
             add_skip(&conv, plan, l, (int)(x + phase), (int)y, phases);
         kernel(&conv);
     }

@@ -1,66 +1,97 @@
 /* Rows of integer layers in patches: points of the source, products, pixels. */
 #include "exec.h"
 
-/* The points of the source of layer l for the patches from pixel (x, y) on. */
-static void make_points(lull_patches *image, const lull_plan *plan, unsigned l, unsigned x,
-                        unsigned y)
+/* The points of source `s` of layer l for the patches from its pixel (x, y) on. */
+static void make_points(lull_patches *image, const lull_plan *plan, unsigned l, unsigned s,
+                        unsigned x, unsigned y)
 {
-    const lull_layer *layer = &plan->model->graph.layer[l];
-    unsigned tensor = layer->source[lull_layer_patched(layer)];
+    unsigned tensor = plan->model->graph.layer[l].source[s];
     ptrdiff_t pixel = (ptrdiff_t)lull_ring_pixel(&plan->ring[tensor]);
     image->channels = plan->ring[tensor].channels;
+    image->is_wide = plan->ring[tensor].dtype == LULL_DTYPE_U15;
     for (unsigned i = 0; i < 6; i++)
         image->row[i] =
             lull_exec_source(plan, tensor, (int)(y + i) - 1) + ((ptrdiff_t)x - 1) * pixel;
     plan->model->kernels.patches_in(image);
 }
 
-/* The products at every point, summed over channels. */
-static void multiply(const lull_patches *in, const lull_patches *out, const lull_plan *plan,
-                     unsigned l)
+/* The products at every point where weights do not vanish, summed over channels. Returns the end of
+ * the weights. */
+static const uint8_t *multiply(const lull_patches *in, const lull_patches *out,
+                               const lull_kernels *kernels, const uint8_t *weights)
 {
-    const lull_layer *layer = &plan->model->graph.layer[l];
-    const lull_packed_layer *packed = &plan->model->layer[l];
-    const uint8_t *base = (const uint8_t *)plan->model;
+    size_t bytes = lull_align_up(out->channels, kernels->block_int) * in->channels * 2;
     lull_segment *segment;
     lull_conv conv;
     memset(&conv, 0, sizeof conv);
     segment = &conv.segment[0];
     conv.segments = 1;
-    conv.outputs = layer->outputs;
-    conv.out_step = layer->outputs;
+    conv.outputs = out->channels;
+    conv.out_step = out->channels;
     conv.pixels = in->patches;
     segment->length = segment->step = in->channels / 2;
-    segment->weights = base + packed->patches;
     for (unsigned k = 0; k < LULL_PATCH_POINTS; k++) {
+        if (lull_patch_vanishes(out->phase, k))
+            continue;
         for (unsigned part = k; part <= k + (in->is_wide ? LULL_PATCH_POINTS : 0);
              part += LULL_PATCH_POINTS) {
+            segment->weights = weights;
             segment->row = in->points + part * in->plane;
             conv.out = out->sums + part * out->plane;
-            plan->model->kernels.points_int(&conv);
+            kernels->points_int(&conv);
         }
-        segment->weights = (const uint8_t *)segment->weights + packed->point_bytes;
+        weights += bytes;
+    }
+    return weights;
+}
+
+/* What an upsampled source adds to eight rows of pixels, with the bias, at `start`. */
+static void make_phases(lull_patches *in, lull_patches *out, const lull_plan *plan, unsigned l,
+                        unsigned x, unsigned y, unsigned n, int32_t *start, size_t row)
+{
+    const lull_kernels *kernels = &plan->model->kernels;
+    const uint8_t *weights = (const uint8_t *)plan->model + plan->model->layer[l].patches[0];
+    in->patches = out->patches = n / (2 * LULL_PATCH_SIDE);
+    make_points(in, plan, l, 0, x / 2, y / 2);
+    out->is_raw = 1;
+    out->raw_step = (size_t)2 * out->channels;
+    for (unsigned phase = 0; phase < LULL_PATCH_WHOLE; phase++) {
+        out->phase = phase;
+        weights = multiply(in, out, kernels, weights);
+        for (unsigned i = 0; i < LULL_PATCH_SIDE; i++)
+            out->out[i] = (uint8_t *)(start + (2 * i + (phase >> 1)) * row +
+                                      (phase & 1) * out->channels);
+        kernels->patches_out(out);
     }
 }
 
-/* Where the outputs go: rows of the layer's tensor, or, of a skip, of what its convolution starts
- * from, after which that is made. */
-static void make_rows(lull_patches *out, const lull_task *t, const lull_points *points, unsigned x,
-                      unsigned y, unsigned n, unsigned worker)
+/* Four rows of pixels from y on (before pooling) of a source that is not upsampled: rows of the
+ * layer's tensor, which start from `start` if it has phases, or else, of a skip, what its
+ * convolution starts from. */
+static void make_rows(lull_patches *in, lull_patches *out, const lull_plan *plan, unsigned l,
+                      unsigned x, unsigned y, unsigned n, int32_t *start, size_t row)
 {
-    const lull_plan *plan = t->plan;
-    const lull_layer *layer = &plan->model->graph.layer[t->layer];
-    const lull_ring *ring = &plan->ring[t->layer + 1];
-    uint8_t *start = (uint8_t *)lull_exec_scratch(t, worker) + points->offset[1];
-    size_t row = points->plane[1] * sizeof(int32_t);
-    out->is_raw = lull_layer_patched(layer) != 0;
+    const lull_layer *layer = &plan->model->graph.layer[l];
+    const lull_packed_layer *packed = &plan->model->layer[l];
+    unsigned source = layer->has_patches >> 1;
+    size_t pixel = lull_ring_pixel(&plan->ring[l + 1]);
+    in->patches = out->patches = n / LULL_PATCH_SIDE;
+    make_points(in, plan, l, source, x, y);
+    out->phase = LULL_PATCH_WHOLE;
+    multiply(in, out, &plan->model->kernels,
+             (const uint8_t *)plan->model + packed->patches[source]);
+    out->is_wide = in->is_wide;
+    out->shift = in->is_wide ? packed->wide_shift : 0;
+    out->is_pooled = layer->pool;
+    out->is_raw = source && !lull_layer_has_phases(layer);
+    out->raw_step = out->channels;
+    out->start = lull_layer_has_phases(layer) ? start : NULL;
+    out->start_row = row;
     for (unsigned i = 0; i < LULL_PATCH_SIDE >> layer->pool; i++)
-        out->out[i] = out->is_raw ? start + i * row
-                                  : lull_exec_row(plan, t->layer + 1, y + i) +
-                                        (x >> layer->pool) * lull_ring_pixel(ring);
+        out->out[i] = out->is_raw ? (uint8_t *)(start + i * row)
+                                  : lull_exec_row(plan, l + 1, (y >> layer->pool) + i) +
+                                        (x >> layer->pool) * pixel;
     plan->model->kernels.patches_out(out);
-    for (unsigned i = 0; i < LULL_PATCH_SIDE && out->is_raw; i++)
-        lull_exec_conv(plan, t->layer, (const int32_t *)(const void *)out->out[i], x, y + i, n);
 }
 
 void lull_exec_patches(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker)
@@ -68,28 +99,34 @@ void lull_exec_patches(const lull_task *t, unsigned x, unsigned y, unsigned n, u
     const lull_plan *plan = t->plan;
     const lull_layer *layer = &plan->model->graph.layer[t->layer];
     const lull_packed_layer *packed = &plan->model->layer[t->layer];
-    const lull_ring *ring = &plan->ring[t->layer + 1];
     uint8_t *base = (uint8_t *)plan->model;
     uint8_t *scratch = lull_exec_scratch(t, worker);
+    unsigned rows = LULL_PATCH_SIDE << lull_layer_has_phases(layer);
+    int32_t *start;
     lull_patches in, out;
     lull_points points;
+    size_t row;
     lull_plan_points(&points, plan, t->layer);
+    start = (int32_t *)(void *)(scratch + points.offset[1]);
+    row = points.plane[1];
     memset(&in, 0, sizeof in);
-    in.patches = n / LULL_PATCH_SIDE;
-    in.is_wide = plan->ring[layer->source[lull_layer_patched(layer)]].dtype == LULL_DTYPE_U15;
     out = in;
     in.points = (int16_t *)(void *)(scratch + points.offset[0]);
     in.plane = points.plane[0];
-    make_points(&in, plan, t->layer, x, y << layer->pool);
     out.sums = (int32_t *)(void *)(scratch + points.offset[2]);
     out.plane = points.plane[2];
     out.channels = layer->outputs;
-    multiply(&in, &out, plan, t->layer);
-    out.is_pooled = layer->pool;
     out.bias = (const int32_t *)(const void *)(base + packed->bias);
     out.multiplier = (const int32_t *)(const void *)(base + packed->multiplier);
-    out.shift = in.is_wide ? packed->wide_shift : 0;
     out.is_small = packed->is_small;
-    out.out_max = ring->dtype == LULL_DTYPE_U15 ? 32767 : 255;
-    make_rows(&out, t, &points, x, y, n, worker);
+    out.out_max = plan->ring[t->layer + 1].dtype == LULL_DTYPE_U15 ? 32767 : 255;
+    y <<= layer->pool;
+    if (lull_layer_has_phases(layer))
+        make_phases(&in, &out, plan, t->layer, x, y, n, start, row);
+    if (layer->has_patches > lull_layer_has_phases(layer))
+        for (unsigned i = 0; i < rows; i += LULL_PATCH_SIDE)
+            make_rows(&in, &out, plan, t->layer, x, y + i, n, start + i * row, row);
+    if (layer->source[1] != LULL_TENSOR_NONE && layer->has_patches < 3)
+        for (unsigned i = 0; i < rows; i++)
+            lull_exec_conv(plan, t->layer, start + i * row, x, y + i, n);
 }

@@ -66,6 +66,11 @@ int lull_layer_is_up(const lull_layer *layer)
     return layer->op == LULL_OP_CONV && layer->reads[0] == LULL_READS_COARSE;
 }
 
+int lull_layer_has_phases(const lull_layer *layer)
+{
+    return layer->has_patches & 1 && lull_layer_is_up(layer);
+}
+
 /* Number of the tensor called `name` among those made so far; LULL_TENSOR_NONE if there is none. */
 static uint8_t tensor_called(const lull_graph *graph, const char *name)
 {

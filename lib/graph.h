@@ -58,8 +58,8 @@ typedef struct lull_layer {
     uint8_t first;       /* the first of them in the weights file: level 0's head is two layers */
     uint8_t is_wide;     /* integer models: the output has 15-bit codes */
     uint8_t is_winograd; /* fp32: computed in Winograd's form, two rows together */
-    uint8_t has_patches; /* integers: 1 + number of the source that is packed for patches, too, four
-                          * rows together (lull_layer_patched); or 0 */
+    uint8_t has_patches; /* integers: sources packed for patches, too: 1 the first, 2 the second, or
+                          * both; then four rows are made together, or eight (has_phases) */
 } lull_layer;
 
 typedef struct lull_graph {
@@ -102,9 +102,8 @@ int lull_graph_planes(const lull_graph *graph, unsigned tensor);
 int lull_layer_is_conv(const lull_layer *layer);
 /* 1 if its first source is upsampled by 2. */
 int lull_layer_is_up(const lull_layer *layer);
-
-/* Number of the source that a layer which has patches is packed for: 0, or 1 for its skip. */
-LULL_INLINE unsigned lull_layer_patched(const lull_layer *layer) { return layer->has_patches - 1u; }
+/* 1 if that one is packed for patches, too. */
+int lull_layer_has_phases(const lull_layer *layer);
 
 /* Outputs that no layer before makes, too. */
 unsigned lull_layer_own_outputs(const lull_layer *layer);

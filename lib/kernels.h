@@ -151,6 +151,7 @@ typedef struct lull_kernels {
     unsigned block_int;
     unsigned splits_wide; /* 1: conv_int multiplies the bytes of wide elements by themselves */
     unsigned has_patches; /* integer layers are faster in patches: 1 all that can be, 2 of U nets */
+    unsigned has_phases;  /* 1: so are their upsampled sources, of U nets */
 #define KERNEL(name, parameters, tolerance, purpose) void(*name) parameters;
 #include "kernels.def"
 } lull_kernels;

@@ -306,12 +306,15 @@ static size_t layout(lull_packed_layer *packed, const lull_graph *graph,
     packed->bias = lull_append(&total, outputs * 4);
     if (graph->is_integer)
         packed->multiplier = lull_append(&total, outputs * 4);
-    if (graph->layer[l].has_patches) {
-        packed->point_bytes =
-            outputs * sizeof(int16_t) *
-            lull_layer_inputs(graph, &graph->layer[l], lull_layer_patched(&graph->layer[l]));
-        packed->patches = lull_append(&total, packed->point_bytes * LULL_PATCH_POINTS);
-    }
+    for (unsigned s = 0; s < 2; s++)
+        if (graph->layer[l].has_patches >> s & 1) {
+            unsigned points = LULL_PATCH_POINTS;
+            if (s == 0 && lull_layer_has_phases(&graph->layer[l]))
+                points = LULL_PATCH_WHOLE * LULL_PATCH_PHASE_POINTS;
+            packed->patches[s] =
+                lull_append(&total, points * outputs * sizeof(int16_t) *
+                                        lull_layer_inputs(graph, &graph->layer[l], s));
+        }
     return total;
 }
 
@@ -329,11 +332,14 @@ static void pack_layer(lull_model *model, unsigned l, const lull_tza *tza)
     lull_graph_tensors(&tensors, layer, tza);
     if (layer->is_winograd)
         pack_winograd(model, l, &tensors, lanes);
-    if (layer->has_patches) {
-        unsigned patched = lull_layer_patched(layer);
-        lull_pack_patches((int16_t *)(void *)(base + packed->patches),
-                          taps_of(&model->graph, &tensors, patched), layer->outputs,
-                          lull_layer_inputs(&model->graph, layer, patched), lanes);
+    for (unsigned s = 0; s < 2; s++) {
+        int16_t *to = (int16_t *)(void *)(base + packed->patches[s]);
+        int phases = s == 0 && lull_layer_has_phases(layer);
+        if (layer->has_patches >> s & 1)
+            for (unsigned phase = phases ? 0 : LULL_PATCH_WHOLE;
+                 phase < LULL_PATCH_WHOLE + !phases; phase++)
+                to = lull_pack_patches(to, taps_of(&model->graph, &tensors, s), layer->outputs,
+                                       lull_layer_inputs(&model->graph, layer, s), lanes, phase);
     }
     for (unsigned i = 0; i < LULL_PACK_BLOCKS; i++)
         if (describe(&b, &model->graph, l, i, &tensors)) {
@@ -360,26 +366,40 @@ static void pack_layer(lull_model *model, unsigned l, const lull_tza *tza)
         packed->wide_shift = (unsigned)lull_tza_int(&tensors.shift, 0);
 }
 
-/* Marks the integer layers to pack for patches, where those lie the same in every strip: layers
- * with one source, not upsampled, and narrow skips of layers with two. */
+/* 1 if source `s` of a convolution of an integer model can be made in patches, which must lie the
+ * same in every strip. */
+LULL_NOINLINE static int fits_patches(const lull_graph *graph, const lull_layer *layer, unsigned s,
+                                      const lull_tza *tza)
+{
+    unsigned is_up = s == 0 && lull_layer_is_up(layer);
+    unsigned inputs = lull_layer_inputs(graph, layer, s);
+    unsigned step = 1u << (graph->levels - layer->level), side = LULL_PATCH_SIDE << is_up;
+    lull_layer_tensors tensors;
+    if (!inputs || inputs % LULL_PATCH_CHANNELS || layer->outputs % LULL_PATCH_CHANNELS ||
+        step % side)
+        return 0;
+    lull_graph_tensors(&tensors, layer, tza);
+    return lull_pack_fits_patches(taps_of(graph, &tensors, s),
+                                  (is_up ? 4 : 1) * layer->outputs, (is_up ? 4 : 9) * inputs);
+}
+
+/* Marks the sources of integer layers to pack for patches: those of layers with one source, and
+ * narrow ones of layers with two. */
 static void choose_patches(lull_graph *graph, const lull_kernels *kernels, const lull_tza *tza)
 {
     for (unsigned l = 0; l < graph->layers; l++) {
         lull_layer *layer = &graph->layer[l];
-        unsigned skip = layer->source[1] != LULL_TENSOR_NONE;
-        unsigned inputs = lull_layer_inputs(graph, layer, skip);
-        unsigned step = 1u << (graph->levels - layer->level);
-        lull_layer_tensors tensors;
+        int is_up = lull_layer_is_up(layer), has_skip = layer->source[1] != LULL_TENSOR_NONE;
+        int is_narrow = lull_graph_dtype(graph, layer->source[0]) == LULL_DTYPE_U8;
+        int phases = kernels->has_phases && graph->family == LULL_FAMILY_U && is_narrow;
         if (!kernels->has_patches || !graph->is_integer || layer->op != LULL_OP_CONV ||
-            (kernels->has_patches == 2 && graph->family != LULL_FAMILY_U) ||
-            (skip ? lull_graph_dtype(graph, layer->source[1]) == LULL_DTYPE_U15
-                  : lull_layer_is_up(layer)) ||
-            inputs % LULL_PATCH_CHANNELS || layer->outputs % LULL_PATCH_CHANNELS ||
-            step % LULL_PATCH_SIDE)
+            (kernels->has_patches == 2 && graph->family != LULL_FAMILY_U))
             continue;
-        lull_graph_tensors(&tensors, layer, tza);
-        if (lull_pack_fits_patches(taps_of(graph, &tensors, skip), layer->outputs, inputs))
-            layer->has_patches = (uint8_t)(1 + skip);
+        if ((is_up ? phases : !has_skip) && fits_patches(graph, layer, 0, tza))
+            layer->has_patches = 1;
+        if (has_skip && lull_graph_dtype(graph, layer->source[1]) == LULL_DTYPE_U8 &&
+            fits_patches(graph, layer, 1, tza))
+            layer->has_patches |= 2;
     }
 }
 

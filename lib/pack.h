@@ -14,8 +14,8 @@ typedef struct lull_packed_layer {
     size_t weights[LULL_PACK_BLOCKS]; /* offsets from the model; 0: not there */
     size_t bias, multiplier;          /* offsets */
     size_t zeros, point_bytes;        /* Winograd's form: as many zeros as bias; bytes of an input
-                                         channel's weights at a point, or of all in patches */
-    size_t patches;                   /* weights of patches; 0: not there */
+                                         channel's weights at a point */
+    size_t patches[2];                /* weights of patches of each source; 0: not there */
     unsigned wide_shift;
     int is_small; /* sums are: lull_conv */
 } lull_packed_layer;
@@ -39,12 +39,14 @@ double lull_pack_point(const double *taps, const double *column, const double *r
 void lull_pack_winograd(float *out, const lull_tza_tensor *weight, unsigned outputs,
                         unsigned channels, unsigned offset, unsigned lanes, int is_up);
 
-/* Weights of patches: [point][output / lanes][channel / 2][output % lanes][channel % 2]. */
-void lull_pack_patches(int16_t *out, const lull_tza_tensor *weight, unsigned outputs,
-                       unsigned channels, unsigned lanes);
+/* Weights of patches, of a phase or LULL_PATCH_WHOLE, at the points that do not vanish:
+ * [point][output / lanes][channel / 2][output % lanes][channel % 2]. Returns their end. */
+int16_t *lull_pack_patches(int16_t *out, const lull_tza_tensor *weight, unsigned outputs,
+                           unsigned channels, unsigned lanes, unsigned phase);
 
-/* 1 if no pixel's sum over bytes can leave what patches know of it. */
-int lull_pack_fits_patches(const lull_tza_tensor *weight, unsigned outputs, unsigned channels);
+/* 1 if no pixel's sum over bytes can leave what patches know of it; sums: how many there are, each
+ * of `taps` weights. */
+int lull_pack_fits_patches(const lull_tza_tensor *weight, unsigned sums, unsigned taps);
 
 /* 1 if layer l is one for conv_int3. */
 int lull_pack_is_int3(const lull_graph *graph, const lull_kernels *kernels, unsigned l);

@@ -6,12 +6,12 @@
 static const double side_points[6][3] = {{6, 0, 0}, {-4, -4, -4}, {-4, 4, -4},
                                          {1, 2, 4}, {1, -2, 4},   {0, 0, 6}};
 
-int lull_pack_fits_patches(const lull_tza_tensor *weight, unsigned outputs, unsigned channels)
+int lull_pack_fits_patches(const lull_tza_tensor *weight, unsigned sums, unsigned taps)
 {
-    for (unsigned o = 0; o < outputs; o++) {
+    for (unsigned o = 0; o < sums; o++) {
         int64_t sum = 0;
-        for (size_t i = 0; i < (size_t)9 * channels; i++) {
-            float w = lull_tza_float(weight, (size_t)o * 9 * channels + i);
+        for (size_t i = 0; i < taps; i++) {
+            float w = lull_tza_float(weight, (size_t)o * taps + i);
             sum += (int)(w < 0 ? -w : w);
         }
         if (sum * 255 >= LULL_PATCH_LIMIT)
@@ -20,19 +20,36 @@ int lull_pack_fits_patches(const lull_tza_tensor *weight, unsigned outputs, unsi
     return 1;
 }
 
-void lull_pack_patches(int16_t *out, const lull_tza_tensor *weight, unsigned outputs,
-                       unsigned channels, unsigned lanes)
+/* The 3x3 taps of output o on channel c: as they are, or the 2x2 taps of a phase with zeros. */
+static void read_taps(double *taps, const lull_tza_tensor *weight, unsigned outputs, unsigned o,
+                      unsigned channels, unsigned c, unsigned phase)
+{
+    unsigned side = phase < LULL_PATCH_WHOLE ? 2 : 3;
+    unsigned first = side == 2 ? 3 * (phase >> 1) + (phase & 1) : 0;
+    size_t row = side == 2 ? (size_t)phase * outputs + o : o;
+    for (unsigned i = 0; i < 9; i++)
+        taps[i] = 0;
+    for (unsigned i = 0; i < side * side && o < outputs; i++)
+        taps[first + i / side * 3 + i % side] =
+            (double)lull_tza_float(weight, (row * channels + c) * side * side + i);
+}
+
+int16_t *lull_pack_patches(int16_t *out, const lull_tza_tensor *weight, unsigned outputs,
+                           unsigned channels, unsigned lanes, unsigned phase)
 {
     size_t whole = lull_align_up(outputs, lanes);
+    unsigned points = 0;
     for (unsigned o = 0; o < whole; o++)
         for (unsigned c = 0; c < channels; c++) {
             size_t block = (size_t)(o / lanes) * (channels / 2) + c / 2;
             int16_t *to = out + (block * lanes + o % lanes) * 2 + c % 2;
-            double taps[9] = {0};
-            for (unsigned i = 0; i < 9 && o < outputs; i++)
-                taps[i] = (double)lull_tza_float(weight, ((size_t)o * channels + c) * 9 + i);
-            for (unsigned k = 0; k < LULL_PATCH_POINTS; k++, to += whole * channels)
-                /* an integer, at most 12 * 12 * 127 */
-                *to = (int16_t)lull_pack_point(taps, side_points[k / 6], side_points[k % 6]);
+            double taps[9];
+            read_taps(taps, weight, outputs, o, channels, c, phase);
+            points = 0;
+            for (unsigned k = 0; k < LULL_PATCH_POINTS; k++)
+                if (!lull_patch_vanishes(phase, k)) /* an integer, at most 12 * 12 * 127 */
+                    to[points++ * whole * channels] =
+                        (int16_t)lull_pack_point(taps, side_points[k / 6], side_points[k % 6]);
         }
+    return out + points * whole * channels;
 }

@@ -4,6 +4,10 @@
  * Four rows of pixels are cut into patches of four columns. A patch is computed from 36 points, 6 *
  * (row of points) + column of points, of 16 bits: at each, one product of channels and outputs
  * takes the place of nine for each of the 16 pixels.
+ *
+ * Of a source upsampled by 2, patches lie on the small picture, and each makes four: those of the
+ * four phases, whose 2x2 taps count as 3x3 taps with zeros. All have the same points; eleven of
+ * each phase's weights vanish.
  */
 #ifndef LULL_PATCHES_H
 #define LULL_PATCHES_H
@@ -20,6 +24,26 @@
 #define LULL_PATCH_SHIFT 6u
 #define LULL_PATCH_LIMIT (1 << 25)
 
+/* Taps of what is not upsampled, where a phase is asked for. */
+#define LULL_PATCH_WHOLE 4u
+#define LULL_PATCH_PHASE_POINTS 25u /* that do not vanish */
+
+/* Of a phase, 2 * (y & 1) + (x & 1), the row and the column of points whose weights vanish: the
+ * taps of even rows (or columns) are the first two of three, those of odd ones the last two. 6 of
+ * LULL_PATCH_WHOLE. */
+LULL_INLINE unsigned lull_patch_no_row(unsigned phase)
+{
+    return phase == LULL_PATCH_WHOLE ? 6 : phase >> 1 ? 0 : 5;
+}
+LULL_INLINE unsigned lull_patch_no_column(unsigned phase)
+{
+    return phase == LULL_PATCH_WHOLE ? 6 : phase & 1 ? 0 : 5;
+}
+LULL_INLINE int lull_patch_vanishes(unsigned phase, unsigned k)
+{
+    return k / 6 == lull_patch_no_row(phase) || k % 6 == lull_patch_no_column(phase);
+}
+
 /* What the kernels are given.
  *
  * patches_in makes the points of every patch and channel from the six rows that they see. A row
@@ -27,9 +51,12 @@
  * the high bytes, then those of the low bytes.
  *
  * patches_out makes rows of codes from sums at the points, requantised as conv_int does
- * (kernels.h); it overwrites the sums. With s = y, or 256 y of the high bytes + y of the low bytes:
+ * (kernels.h); it overwrites the sums. Sums at points where the weights of `phase` vanish count as
+ * 0 and are not read. With s = y, or 256 y of the high bytes + y of the low bytes:
  * a = ((s + (1 << shift >> 1)) >> shift) + bias. If is_pooled, the 2x2 maxima of rows 0 and 1, and
- * 2 and 3, go to out[0] and out[1]. If is_raw, it stores a itself, as int32_t. */
+ * 2 and 3, go to out[0] and out[1]. If is_raw, it stores a itself, as int32_t, raw_step elements
+ * from one pixel to the next. `start`: NULL, or what stands in the place of bias for each pixel,
+ * `channels` elements from one to the next, start_row from row to row (not if is_pooled). */
 typedef struct lull_patches {
     const uint8_t *row[6]; /* in: [column][channel] */
     uint8_t *out[4];       /* out: [column][channel] */
@@ -38,9 +65,12 @@ typedef struct lull_patches {
     int32_t *sums;         /* out: the same */
     const int32_t *bias;   /* out, like the next two */
     const int32_t *multiplier;
+    const int32_t *start; /* out */
+    size_t start_row, raw_step;
     int32_t out_max; /* above 255: words are stored */
     size_t plane;
     unsigned channels, patches, shift;
+    unsigned phase; /* out: LULL_PATCH_WHOLE where there are none */
     int is_wide, is_pooled, is_raw;
     int is_small; /* out: as in lull_conv */
 } lull_patches;

@@ -67,13 +67,14 @@ unsigned lull_plan_albedo(const lull_plan *plan)
 int lull_plan_is_patched(const lull_plan *plan, unsigned l)
 {
     const lull_layer *layer = &plan->model->graph.layer[l];
-    return layer->has_patches && plan->row_step >> layer->level >= LULL_PATCH_SIDE / 2;
+    unsigned half = LULL_PATCH_SIDE / 2 << lull_layer_has_phases(layer);
+    return layer->has_patches && plan->row_step >> layer->level >= half;
 }
 
 unsigned lull_plan_rows(const lull_plan *plan, unsigned l)
 {
     const lull_layer *layer = &plan->model->graph.layer[l];
-    unsigned rows = lull_plan_is_patched(plan, l) ? LULL_PATCH_SIDE
+    unsigned rows = lull_plan_is_patched(plan, l) ? LULL_PATCH_SIDE << lull_layer_has_phases(layer)
                     : layer->is_winograd          ? LULL_WINOGRAD_ROWS
                                                   : 1;
     return lull_max_u(rows >> layer->pool, 1);
@@ -219,38 +220,52 @@ unsigned lull_plan_band(const lull_plan *plan)
     return (unsigned)lull_align_up((plan->row_width + count - 1) / count, LULL_BLOCK);
 }
 
-/* Sets of points that source or output of a patched layer has: wide sources have two. */
-static unsigned point_sets(const lull_plan *plan, unsigned l)
+/* Planes of `columns` columns of a layer in Winograd's form, as in lull_points: how many there are,
+ * and their bytes. */
+static void winograd_planes(unsigned count[3], size_t bytes[3], const lull_plan *plan, unsigned l,
+                            unsigned columns)
 {
     const lull_graph *graph = &plan->model->graph;
     const lull_layer *layer = &graph->layer[l];
-    unsigned tensor = layer->source[lull_layer_patched(layer)];
-    return lull_graph_dtype(graph, tensor) == LULL_DTYPE_U15 ? 2 : 1;
+    size_t patches = columns / LULL_WINOGRAD_COLUMNS;
+    for (unsigned s = 0; s < 3; s++) {
+        count[s] = LULL_WINOGRAD_POINTS;
+        bytes[s] = patches * sizeof(float) *
+                   (s < 2 ? lull_layer_inputs(graph, layer, s) : layer->outputs);
+    }
 }
 
-/* Bytes of source `s`, or of the outputs (2), of a patch of a layer in patches. */
-static size_t patched_bytes(const lull_plan *plan, unsigned l, unsigned s)
+/* The same of a layer in patches: points and sums of one source after the other. */
+static void patch_planes(unsigned count[3], size_t bytes[3], const lull_plan *plan, unsigned l,
+                         unsigned columns)
 {
     const lull_graph *graph = &plan->model->graph;
     const lull_layer *layer = &graph->layer[l];
-    unsigned points = LULL_PATCH_POINTS, source = lull_layer_patched(layer);
-    if (s == 0)
-        return points * lull_layer_inputs(graph, layer, source) * sizeof(int16_t);
-    if (s == 1)
-        points = source ? LULL_PATCH_SIDE * LULL_PATCH_SIDE : 0;
-    return points * layer->outputs * sizeof(int32_t);
+    unsigned has_phases = lull_layer_has_phases(layer), first = layer->source[0];
+    unsigned is_wide = layer->has_patches == 1 && lull_graph_dtype(graph, first) == LULL_DTYPE_U15;
+    memset(bytes, 0, 3 * sizeof *bytes);
+    for (unsigned s = 0; s < 2; s++) {
+        size_t patches = columns / LULL_PATCH_SIDE >> (s == 0 && has_phases);
+        size_t points = patches * lull_layer_inputs(graph, layer, s) * sizeof(int16_t);
+        size_t sums = patches * layer->outputs * sizeof(int32_t);
+        if (!(layer->has_patches >> s & 1))
+            continue;
+        bytes[0] = bytes[0] > points ? bytes[0] : points;
+        bytes[2] = bytes[2] > sums ? bytes[2] : sums;
+    }
+    if (has_phases || layer->has_patches > 1)
+        bytes[1] = (size_t)columns * layer->outputs * sizeof(int32_t);
+    count[0] = count[2] = LULL_PATCH_POINTS << is_wide;
+    count[1] = LULL_PATCH_SIDE << has_phases;
 }
 
-/* Bytes of the points of a patch, in Winograd's form or of patches. */
-static size_t patch_bytes(const lull_plan *plan, unsigned l)
+static void planes_of(unsigned count[3], size_t bytes[3], const lull_plan *plan, unsigned l,
+                      unsigned columns)
 {
-    const lull_graph *graph = &plan->model->graph;
-    const lull_layer *layer = &graph->layer[l];
-    size_t inputs = lull_layer_inputs(graph, layer, 0) + lull_layer_inputs(graph, layer, 1);
-    if (layer->is_winograd)
-        return LULL_WINOGRAD_POINTS * sizeof(float) * (layer->outputs + inputs);
-    return point_sets(plan, l) * (patched_bytes(plan, l, 0) + patched_bytes(plan, l, 2)) +
-           patched_bytes(plan, l, 1);
+    if (plan->model->graph.layer[l].is_winograd)
+        winograd_planes(count, bytes, plan, l, columns);
+    else
+        patch_planes(count, bytes, plan, l, columns);
 }
 
 unsigned lull_plan_chunk(const lull_plan *plan, unsigned l)
@@ -264,8 +279,12 @@ unsigned lull_plan_chunk(const lull_plan *plan, unsigned l)
     unsigned count =
         (unsigned)((width * (layer->outputs + 3 * inputs) * element + TASK_BYTES - 1) / TASK_BYTES);
     if (layer->is_winograd || lull_plan_is_patched(plan, l)) {
-        unsigned patch = (unsigned)patch_bytes(plan, l), most;
-        step = 12 * LULL_WINOGRAD_COLUMNS; /* patches have as many */
+        unsigned planes[3], patch = 0, most;
+        size_t bytes[3];
+        step = 12 * LULL_WINOGRAD_COLUMNS << lull_layer_has_phases(layer); /* as in patches */
+        planes_of(planes, bytes, plan, l, step / 12);
+        for (unsigned i = 0; i < 3; i++)
+            patch += planes[i] * (unsigned)bytes[i];
         most = lull_max_u(WINOGRAD_TASK_BYTES / 12 / patch, 1) * step;
         count = (width + most - 1) / most;
         rows = lull_max_u(rows / (lull_plan_rows(plan, l) << layer->pool), 1);
@@ -276,27 +295,17 @@ unsigned lull_plan_chunk(const lull_plan *plan, unsigned l)
 
 size_t lull_plan_points(lull_points *points, const lull_plan *plan, unsigned l)
 {
-    const lull_graph *graph = &plan->model->graph;
-    const lull_layer *layer = &graph->layer[l];
-    size_t total = 0;
-    size_t patches = lull_min_u(lull_plan_chunk(plan, l), plan->row_width >> layer->level) /
-                     LULL_WINOGRAD_COLUMNS;
+    const lull_layer *layer = &plan->model->graph.layer[l];
+    unsigned columns = lull_min_u(lull_plan_chunk(plan, l), plan->row_width >> layer->level);
+    unsigned count[3];
+    size_t bytes[3], total = 0;
+    planes_of(count, bytes, plan, l, columns);
     for (unsigned s = 0; s < 3; s++) {
-        size_t element = sizeof(float), count = LULL_WINOGRAD_POINTS, plane;
-        if (layer->is_winograd) {
-            plane = patches * element *
-                    (s < 2 ? lull_layer_inputs(graph, layer, s) : layer->outputs);
-        } else {
-            element = s == 0 ? sizeof(int16_t) : sizeof(int32_t);
-            count = s == 1 ? LULL_PATCH_SIDE : LULL_PATCH_POINTS;
-            plane = patches * patched_bytes(plan, l, s) / count;
-            count *= s == 1 ? 1 : point_sets(plan, l);
-        }
+        size_t plane = lull_align_up(bytes[s], LULL_ALIGN);
+        plane |= LULL_ALIGN; /* an odd number of lines */
         points->offset[s] = total;
-        count = plane ? count : 0;
-        plane = lull_align_up(plane, LULL_ALIGN) | LULL_ALIGN; /* an odd number of lines */
-        points->plane[s] = plane / element;
-        total += count * plane;
+        points->plane[s] = plane / (s == 0 && !layer->is_winograd ? sizeof(int16_t) : 4);
+        total += bytes[s] ? count[s] * plane : 0;
     }
     return total;
 }

@@ -100,8 +100,9 @@ unsigned lull_plan_rows(const lull_plan *plan, unsigned l);
 
 /* Where a task of layer l, in Winograd's form or in patches, has the points of its sources (0, 1)
  * and of its outputs (2) in its scratch memory: bytes from the start, and elements from plane to
- * plane. Returns the bytes of all. In patches: points of the source that is made so (0), of the
- * outputs (2), and, if that is a skip, what it adds to four rows of pixels (1; plane: a row). */
+ * plane. Returns the bytes of all. In patches: points of the sources that are made so, in turn (0),
+ * of the outputs (2), and, of layers with two sources, what one adds to the four or eight rows of
+ * pixels (1; plane: a row). */
 typedef struct lull_points {
     size_t offset[3], plane[3];
 } lull_points;

@@ -86,11 +86,11 @@ static void make_pixels(uint32_t y[4], const uint32_t *t, size_t step)
 }
 
 /* The sums of products of the 16 pixels of a patch, one channel. */
-static void make_patch(int32_t y[16], const int32_t *sums, size_t plane)
+static void make_patch(int32_t y[16], const int32_t *sums, size_t plane, unsigned phase)
 {
     uint32_t t[36], half[4][6];
     for (unsigned i = 0; i < 36; i++)
-        t[i] = (uint32_t)sums[i * plane];
+        t[i] = lull_patch_vanishes(phase, i) ? 0 : (uint32_t)sums[i * plane];
     for (unsigned x = 0; x < 6; x++) {
         uint32_t column[4];
         make_pixels(column, t + x, 6);
@@ -107,10 +107,11 @@ static void make_patch(int32_t y[16], const int32_t *sums, size_t plane)
 
 static void store(const lull_patches *image, unsigned row, size_t at, unsigned c, int32_t a)
 {
+    size_t pixel = at;
     at = at * image->channels + c;
-    a += image->bias[c];
+    a += image->start ? image->start[row * image->start_row + at] : image->bias[c];
     if (image->is_raw)
-        ((int32_t *)(void *)image->out[row])[at] = a;
+        ((int32_t *)(void *)image->out[row])[pixel * image->raw_step + c] = a;
     else
         lull_store_scalar(image->out[row], at, a, image->multiplier[c], image->out_max);
 }
@@ -121,9 +122,9 @@ static void patch_out(const lull_patches *image, unsigned p, unsigned c)
 {
     const int32_t *sums = image->sums + (size_t)p * image->channels + c;
     int32_t y[16], low[16], half = 1 << image->shift >> 1;
-    make_patch(y, sums, image->plane);
+    make_patch(y, sums, image->plane, image->phase);
     if (image->is_wide) {
-        make_patch(low, sums + LULL_PATCH_POINTS * image->plane, image->plane);
+        make_patch(low, sums + LULL_PATCH_POINTS * image->plane, image->plane, LULL_PATCH_WHOLE);
         for (unsigned i = 0; i < 16; i++)
             y[i] = (256 * y[i] + low[i] + half) >> image->shift;
     }

@@ -7,6 +7,7 @@ void lull_port_scalar(lull_kernels *kernels)
     kernels->block_int = LULL_SCALAR_BLOCK;
     kernels->splits_wide = 0;
     kernels->has_patches = 0;
+    kernels->has_phases = 0;
 #define KERNEL(name, parameters, tolerance, purpose) kernels->name = lull_##name##_scalar;
 #include "kernels.def"
 }

@@ -18,22 +18,23 @@
     B(DOT(b##i, value, v1);)          \
     C(DOT(c##i, value, v2);)          \
     D(DOT(d##i, value, v3);)
-#define STORE(i, base, offset)                              \
-    store(out, a##i, row->n);                               \
-    B(store(out + LANES, b##i, row->n - LANES);)            \
-    C(store(out + 2 * LANES, c##i, row->n - 2 * LANES);)    \
-    D(store(out + 3 * LANES, d##i, row->n - 3 * LANES);)    \
-    out += conv->out_step;
+#define STORE(i, base, offset)                     \
+    store(out, a##i, n);                           \
+    B(store(out + LANES, b##i, n - LANES);)        \
+    C(store(out + 2 * LANES, c##i, n - 2 * LANES);) \
+    D(store(out + 3 * LANES, d##i, n - 3 * LANES);) \
+    out += out_step;
 
 static void TILE(const tile_row *row)
 {
     const lull_conv *conv = row->conv;
     const struct tile_part *part = row->part;
-    size_t block = part->block, step = part->step;
+    size_t block = part->block, step = part->step, out_step = conv->out_step;
+    unsigned n = row->n;
     FOR_TILES(p, conv, PIXELS)
     {
         const uint8_t *w = part->w, *x = part->x + p * step;
-        int32_t *out = (int32_t *)conv->out + p * conv->out_step + row->first;
+        int32_t *out = (int32_t *)conv->out + p * out_step + row->first;
         FOR_PIXELS(DECLARE)
         for (unsigned k = part->length; k; k--, x += 4, w += 4 * LANES) {
             const uint8_t *y = x + 3 * step, *z = x + 6 * step, *t = x + 9 * step;

@@ -63,7 +63,7 @@ LULL_INLINE void put(const scales *s, uint8_t *to, uint8_t *next, size_t pixel, 
 {
     vec q[4];
     for (unsigned i = 0; i < 4; i++)
-        q[i] = requantise(add(a[i], s->bias), s->even, s->odd);
+        q[i] = requantise(a[i], s->even, s->odd);
     if (s->max <= 255) { /* packing works within 128 bits: the dwords are then put in order */
         vec codes = _mm256_packus_epi16(_mm256_packs_epi32(q[0], q[1]),
                                         _mm256_packs_epi32(q[2], q[3]));

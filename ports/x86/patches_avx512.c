@@ -71,10 +71,8 @@ LULL_INLINE void scales_init(scales *s, const lull_patches *image, unsigned firs
 LULL_INLINE void put(const scales *s, uint8_t *to, uint8_t *next, size_t pixel, const vec *a)
 {
     vec q[4];
-    for (unsigned i = 0; i < 4; i++) {
-        q[i] = add(a[i], s->bias);
-        q[i] = s->is_small ? requantise(&s->f, q[i], 0, 1) : requantise(&s->f, q[i], 0, 0);
-    }
+    for (unsigned i = 0; i < 4; i++)
+        q[i] = s->is_small ? requantise(&s->f, a[i], 0, 1) : requantise(&s->f, a[i], 0, 0);
     if (s->f.max <= 255) {
         vec codes = pack(&s->f, q[0], q[1], q[2], q[3]);
         _mm_storeu_si128((__m128i *)(void *)to, _mm512_castsi512_si128(codes));

@@ -75,24 +75,31 @@ void IN(const lull_patches *image)
     points_in(image, image->points + LULL_PATCH_POINTS * image->plane, LOW);
 }
 
-/* 24 times four values from their six sums. */
-LULL_INLINE void make_pixels(vec *y, const int32_t *t, size_t step)
+/* 24 times four values from their six sums, of which `missing` is 0. */
+LULL_INLINE void make_pixels(vec *y, const int32_t *t, size_t step, unsigned missing)
 {
     vec t1 = load(t + step), t2 = load(t + 2 * step), t3 = load(t + 3 * step);
     vec t4 = load(t + 4 * step);
     vec s = add(t1, t2), d = sub(t1, t2), far_s = add(t3, t4), far_d = sub(t3, t4);
-    y[0] = add(add(load(t), s), far_s);
+    y[0] = add(s, far_s);
+    if (missing != 0)
+        y[0] = add(y[0], load(t));
     y[1] = add(d, shl(far_d, 1));
     y[2] = add(s, shl(far_s, 2));
-    y[3] = add(add(d, shl(far_d, 3)), shl(load(t + 5 * step), 2));
+    y[3] = add(d, shl(far_d, 3));
+    if (missing != 5)
+        y[3] = add(y[3], shl(load(t + 5 * step), 2));
 }
 
 /* The first direction: four values in place of the six sums of each column. */
-LULL_INLINE void make_columns(int32_t *m, size_t plane)
+LULL_INLINE void make_columns(int32_t *m, size_t plane, unsigned phase)
 {
+    unsigned no_row = lull_patch_no_row(phase), no_column = lull_patch_no_column(phase);
     for (unsigned x = 0; x < 6; x++, m += plane) {
         vec y[4];
-        make_pixels(y, m, 6 * plane);
+        if (x == no_column)
+            continue;
+        make_pixels(y, m, 6 * plane, no_row);
         for (unsigned i = 0; i < 4; i++)
             save(m + 6 * i * plane, y[i]);
     }
@@ -103,39 +110,47 @@ LULL_INLINE void make_row(vec *a, const lull_patches *image, const int32_t *m, u
 {
     size_t plane = image->plane;
     vec y[4];
-    make_pixels(y, m, plane);
+    make_pixels(y, m, plane, lull_patch_no_column(image->phase));
     for (unsigned i = 0; i < 4; i++)
         a[i] = exact(y[i]);
     if (!is_wide)
         return;
-    make_pixels(y, m + LULL_PATCH_POINTS * plane, plane);
+    make_pixels(y, m + LULL_PATCH_POINTS * plane, plane, 6);
     for (unsigned i = 0; i < 4; i++)
         a[i] = shift(add(add(shl(a[i], 8), exact(y[i])), splat_int(1 << image->shift >> 1)),
                      image->shift);
 }
 
-/* Four pixels as they are, with bias. */
-LULL_INLINE void save_raw(int32_t *to, size_t pixel, const scales *s, const vec *a)
+/* Adds the bias, or what stands in its place, to four pixels. */
+LULL_INLINE void add_start(vec *a, const scales *s, const int32_t *start, size_t pixel)
 {
     for (unsigned i = 0; i < 4; i++)
-        save(to + i * pixel, add(a[i], s->bias));
+        a[i] = add(a[i], start ? load(start + i * pixel) : s->bias);
+}
+
+/* Four pixels as they are. */
+LULL_INLINE void save_raw(int32_t *to, size_t pixel, const vec *a)
+{
+    for (unsigned i = 0; i < 4; i++)
+        save(to + i * pixel, a[i]);
 }
 
 /* LANES outputs of a patch: its sums at m; `at`: place of its first pixel in the rows, in bytes (in
- * elements if image->is_raw). */
-LULL_INLINE void patch_out(const lull_patches *image, const scales *s, int32_t *m, size_t at,
-                           unsigned is_wide)
+ * elements if image->is_raw); start: of that pixel. */
+LULL_INLINE void patch_out(const lull_patches *image, const scales *s, int32_t *m,
+                           const int32_t *start, size_t at, unsigned is_wide)
 {
     size_t plane = image->plane, pixel = image->channels * (image->out_max <= 255 ? (size_t)1 : 2);
-    make_columns(m, plane);
+    make_columns(m, plane, image->phase);
     if (is_wide)
-        make_columns(m + LULL_PATCH_POINTS * plane, plane);
+        make_columns(m + LULL_PATCH_POINTS * plane, plane, LULL_PATCH_WHOLE);
     if (!image->is_pooled) {
         for (unsigned y = 0; y < 4; y++) {
             vec a[4];
             make_row(a, image, m + 6 * y * plane, is_wide);
+            add_start(a, s, start ? start + y * image->start_row : NULL, image->channels);
             if (image->is_raw) {
-                save_raw((int32_t *)(void *)image->out[y] + at, image->channels, s, a);
+                save_raw((int32_t *)(void *)image->out[y] + at, image->raw_step, a);
                 continue;
             }
             put(s, image->out[y] + at, image->out[y] + at + 2 * pixel, pixel, a);
@@ -149,20 +164,25 @@ LULL_INLINE void patch_out(const lull_patches *image, const scales *s, int32_t *
         most4[2 * y] = most(most(a[0], a[1]), most(a[4], a[5]));
         most4[2 * y + 1] = most(most(a[2], a[3]), most(a[6], a[7]));
     }
+    add_start(most4, s, NULL, 0);
     put(s, image->out[0] + at, image->out[1] + at, pixel, most4);
 }
 
 LULL_INLINE void patches_out(const lull_patches *image, unsigned is_wide)
 {
     size_t size = image->out_max <= 255 || image->is_raw ? 1 : 2;
-    size_t width = image->channels * (image->is_pooled ? 2u : LULL_PATCH_SIDE) * size;
+    size_t width = (image->is_raw ? image->raw_step : image->channels * size) *
+                   (image->is_pooled ? 2u : LULL_PATCH_SIDE);
     for (unsigned c = 0; c < image->channels; c += LANES) {
         int32_t *m = image->sums + c;
+        const int32_t *start = image->start;
         size_t at = c * size;
         scales s;
         scales_init(&s, image, c);
         for (unsigned p = 0; p < image->patches; p++, m += image->channels, at += width)
-            patch_out(image, &s, m, at, is_wide);
+            patch_out(image, &s, m,
+                      start ? start + (size_t)p * LULL_PATCH_SIDE * image->channels + c : NULL, at,
+                      is_wide);
     }
 }
 

@@ -7,6 +7,7 @@ void lull_port_amx(lull_kernels *kernels)
     kernels->block_int = 16;
     kernels->splits_wide = 1;
     kernels->has_patches = 0; /* tiles multiply bytes only */
+    kernels->has_phases = 0;
     kernels->conv_int = lull_conv_int_amx;
 #else
     (void)kernels;

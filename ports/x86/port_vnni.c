@@ -7,5 +7,6 @@ void lull_port_vnni(lull_kernels *kernels)
     kernels->conv_int = lull_conv_int_vnni;
     kernels->conv_int3 = lull_conv_int3_vnni;
     kernels->has_patches = 2; /* of 16 to 96 channels they are slower */
+    kernels->has_phases = 0; /* vpdpbusd is as fast */
     kernels->points_int = lull_points_int_vnni;
 }

@@ -161,28 +161,36 @@ static void points_int_cases(void)
 }
 
 /* The sum of products of pixel (x, y) of a patch, by definition. */
-static int32_t patch_pixel(const int32_t *sums, size_t plane, unsigned x, unsigned y)
+static int32_t patch_pixel(const int32_t *sums, size_t plane, unsigned phase, unsigned x,
+                           unsigned y)
 {
     uint32_t sum = 0;
     for (unsigned k = 0; k < LULL_PATCH_POINTS; k++) {
+        static const unsigned absent[] = {5, 0, 6}; /* of even, odd and all rows or columns */
+        unsigned no_row = absent[phase < 4 ? phase / 2 : 2];
+        unsigned no_column = absent[phase < 4 ? phase % 2 : 2];
         int last = k / 6 == 5 ? 4 : 1, factor = whole(out_columns[y][k / 6]) * last;
         factor *= whole(out_columns[x][k % 6]) * (k % 6 == 5 ? 4 : 1);
-        sum += (uint32_t)factor * (uint32_t)sums[k * plane];
+        if (k / 6 != no_row && k % 6 != no_column)
+            sum += (uint32_t)factor * (uint32_t)sums[k * plane];
     }
     return (int32_t)(sum * LULL_PATCH_INVERSE) >> LULL_PATCH_SHIFT;
 }
 
-static double patch_code(const lull_patches *w, const int32_t *sums, unsigned x, unsigned y,
-                         unsigned c)
+/* Output c of pixel (x, y) of a patch that begins at column `first`. */
+static double patch_code(const lull_patches *w, const int32_t *sums, unsigned first, unsigned x,
+                         unsigned y, unsigned c)
 {
-    double a = patch_pixel(sums, w->plane, x, y), q;
+    int32_t start = w->start ? w->start[y * w->start_row + (size_t)(first + x) * w->channels + c]
+                             : w->bias[c];
+    double a = patch_pixel(sums, w->plane, w->phase, x, y), q;
     if (w->is_wide) {
-        a = 256 * a + patch_pixel(sums + LULL_PATCH_POINTS * w->plane, w->plane, x, y);
+        a = 256 * a + patch_pixel(sums + LULL_PATCH_POINTS * w->plane, w->plane, w->phase, x, y);
         a = floor((a + (1 << w->shift >> 1)) / (1 << w->shift));
     }
     if (w->is_raw)
-        return a + w->bias[c];
-    q = floor(((a + w->bias[c]) * w->multiplier[c] + (1 << 30)) / 2147483648.0);
+        return a + start;
+    q = floor(((a + start) * w->multiplier[c] + (1 << 30)) / 2147483648.0);
     return q < 0 ? 0 : q > w->out_max ? w->out_max : q;
 }
 
@@ -203,15 +211,16 @@ static int patch_codes_agree(const lull_patches *w, const int32_t *sums)
     for (unsigned y = 0; y < columns; y++)
         for (unsigned x = 0; x < columns * w->patches; x++)
             for (unsigned c = 0; c < n; c++) {
-                size_t at = (size_t)x * n + c;
+                size_t at = (size_t)x * (w->is_raw ? w->raw_step : n) + c;
                 const int32_t *of = sums + x / columns * n + c;
                 double want = 0, got = patch_value(w, y, at);
                 if (w->is_pooled)
                     for (unsigned i = 0; i < 4; i++)
                         want =
-                            fmax(want, patch_code(w, of, x % 2 * 2 + (i & 1), 2 * y + (i >> 1), c));
+                            fmax(want, patch_code(w, of, 0, x % 2 * 2 + (i & 1),
+                                                  2 * y + (i >> 1), c));
                 else
-                    want = patch_code(w, of, x % 4, y, c);
+                    want = patch_code(w, of, x / 4 * 4, x % 4, y, c);
                 if (got != want) {
                     printf("  row %u, column %u, channel %u is %g, not %g\n", y, x, c, got, want);
                     return 0;
@@ -240,6 +249,20 @@ static void make_sums(lull_patches *w, int32_t *sums, int32_t *bias, int32_t *mu
     w->multiplier = multiplier;
 }
 
+/* Rows to start from; in some cases. */
+static void make_start(lull_patches *w, int at_end)
+{
+    size_t row = (size_t)LULL_PATCH_SIDE * w->patches * w->channels, n;
+    int32_t *start;
+    if (w->is_pooled || guard_below(2))
+        return;
+    w->start_row = row + guard_below(20);
+    n = 3 * w->start_row + row;
+    w->start = start = guard_place(GUARD_START, n * sizeof *start, at_end);
+    for (size_t i = 0; i < n; i++)
+        start[i] = guard_between(-100000, 100000);
+}
+
 static void patches_out_case(unsigned channels, unsigned patches, int is_wide, int is_pooled,
                              int is_raw)
 {
@@ -256,6 +279,7 @@ static void patches_out_case(unsigned channels, unsigned patches, int is_wide, i
     w.is_raw = is_raw;
     w.is_small = (int)guard_below(2);
     w.shift = is_wide ? guard_below(16) : 0;
+    w.phase = is_wide || is_pooled ? LULL_PATCH_WHOLE : guard_below(LULL_PATCH_WHOLE + 1);
     w.out_max = maxima[guard_below(5)];
     w.plane = (size_t)channels * patches + guard_below(20);
     points = LULL_PATCH_POINTS * (is_wide ? 2 : 1) * w.plane;
@@ -263,18 +287,21 @@ static void patches_out_case(unsigned channels, unsigned patches, int is_wide, i
     make_sums(&w, sums, guard_place(GUARD_BIAS, channels * sizeof(int32_t), at_end),
               guard_place(GUARD_MULTIPLIER, channels * sizeof(int32_t), at_end));
     memcpy(kept, sums, points * sizeof *sums);
-    row_bytes = (size_t)(is_pooled ? 2 : 4) * patches * channels *
-                (is_raw             ? 4
-                 : w.out_max <= 255 ? 1
-                                    : 2);
+    make_start(&w, at_end);
+    w.raw_step = channels * (1 + guard_below(2));
+    row_bytes = (size_t)(is_pooled ? 2 : 4) * patches * channels * (w.out_max <= 255 ? 1 : 2);
+    if (is_raw)
+        row_bytes = ((4 * (size_t)patches - 1) * w.raw_step + channels) * sizeof(int32_t);
     for (unsigned y = 0; y < (is_pooled ? 2u : 4u); y++)
         w.out[y] = guard_place(GUARD_ROW + y, row_bytes, at_end);
     w.sums = sums;
     now.port->patches_out(&w);
     now.cases++;
     if (!CHECK(patch_codes_agree(&w, kept)))
-        printf("  with %u channels, %u patches%s%s%s%s, shift %u, maximum %ld\n", channels, patches,
+        printf("  with %u channels, %u patches, phase %u%s%s%s%s%s, shift %u, maximum %ld\n",
+               channels, patches, w.phase,
                is_wide ? ", wide" : "", is_pooled ? ", pooled" : "", is_raw ? ", raw" : "",
+               w.start ? ", start" : "",
                w.is_small ? ", small" : "", w.shift, (long)w.out_max);
 }
 
