@@ -155,15 +155,16 @@ def _mis(a, b):
 class FeaturePath(mi.SamplingIntegrator):
     """Path tracer (next-event estimation, MIS) whose own paths give the features. No media.
 
-    aimed: at how many vertices of a path lights are sampled; beyond them paths meet lights by
-    chance, and point and spot lights never.
+    aimed: at how many vertices of a path lights are sampled, None: at all; beyond them paths meet
+    lights by chance, and point and spot lights never.
     """
 
     def __init__(self, props=None, settings: FeatureSettings | None = None, max_depth: int = 8,
-                 rr_depth: int = 4, aimed: int = 1000):
+                 rr_depth: int = 4, aimed: int | None = None):
         super().__init__(props if props is not None else mi.Properties())
         self.recorder = _Recorder(settings or FeatureSettings())
-        self.max_depth, self.rr_depth, self.aimed = max_depth, rr_depth, aimed
+        self.max_depth, self.rr_depth = max_depth, rr_depth
+        self.aimed = max_depth if aimed is None else aimed
 
     def aov_names(self):
         return _names()
@@ -304,7 +305,8 @@ def _next_medium(si, d, medium, hit):
     return dr.select(hit & si.is_medium_transition(), si.target_medium(d), medium)
 
 
-def make(settings: FeatureSettings, max_depth: int, volumes: bool = False, aimed: int = 1000):
+def make(settings: FeatureSettings, max_depth: int, volumes: bool = False,
+         aimed: int | None = None):
     """Integrator with the nine channels; volumes: the scene holds participating media (lights are
     sampled everywhere then); aimed: as of FeaturePath."""
     if not volumes:

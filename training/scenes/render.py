@@ -107,8 +107,7 @@ def render_seed(mi, seed: int, args: argparse.Namespace, assets) -> dict:
             continue
         st = built.settings
         integrator = features.make(st.features, st.max_depth, st.fog > 0)
-        by_chance = integrator if st.aimed is None else features.make(
-            st.features, st.max_depth, aimed=st.aimed)
+        by_chance = features.make(st.features, st.max_depth, st.fog > 0, st.aimed)
         shot = picture.shot(mi, built.camera, width, height, st.rfilter, st.sampler)
         one, two = (picture.clean(picture.render(mi, built.scene, integrator, shot, PILOT,
                                                  seed * 1000 + k))[0] for k in (998, 999))
@@ -142,9 +141,9 @@ def _same_options(out: str, args: argparse.Namespace) -> None:
     path = os.path.join(out, "render.json")
     if os.path.exists(path):
         with open(path) as f:
-            had = json.load(f)
+            had = {"windows": 0.0, "unaimed": 0.0} | json.load(f)  # folders from before them
         for k, v in keep.items():
-            if had.get(k, 0.0) != v:
+            if had.get(k) != v:
                 raise ToolError(f"{path}: this folder was rendered with {k} = {had.get(k)}, "
                                  f"not {v}; use another OUT", STATE)
         return
