@@ -63,8 +63,7 @@ def test_built_in_weights(info, name, kmac):
 def test_shipped_models_are_told_without_files(info):
     """Each with the figures that its file gives, and memory for 1920x1080."""
     root = golden_int.ROOT / "weights"
-    rows = (root / "builtin.def").read_text()
-    names = re.findall(r'^BUILTIN\(\w+, "([^"]+)"', rows, re.MULTILINE)
+    names = t.built_in(golden_int.ROOT)
     models = info("--json").json["models"]
     assert [m["file"] for m in models] == names and names
     for m in models:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import struct
 import zlib
 from pathlib import Path
@@ -316,3 +317,9 @@ def srgb_encode(x: np.ndarray) -> np.ndarray:
 def srgb_decode(x: np.ndarray) -> np.ndarray:
     x = x.astype(np.float64)
     return np.where(x <= 0.04045, x / 12.92, ((x + 0.055) / 1.055) ** 2.4)
+
+
+def built_in(root: Path) -> list[str]:
+    """File names of the built-in weights, as weights/builtin.def lists them."""
+    rows = (root / "weights" / "builtin.def").read_text()
+    return re.findall(r'^BUILTIN\(\w+, "([^"]+)"', rows, re.MULTILINE)

@@ -2,13 +2,16 @@
 and size and leave the filter's coarse levels the same everywhere."""
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from export import kernel
+from tests.apps import tools
 from training.imageio import read_exr_channels
 
-BUILT_IN = ["kernel5_8", "kernel5_16", "kernel5_32"]
+BUILT_IN = tools.built_in(Path(__file__).parents[2])
 SIDE = 128
 
 
@@ -25,7 +28,7 @@ def inputs(root) -> list[np.ndarray]:
 
 @pytest.mark.parametrize("name", BUILT_IN)
 def test_no_layer_is_dead(root, inputs, name):
-    model = kernel.load(root / "weights" / f"{name}.tza")
+    model = kernel.load(root / "weights" / name)
     alive = {}
     for codes in inputs:
         for layer, values in model.maps(codes).items():
@@ -37,7 +40,7 @@ def test_no_layer_is_dead(root, inputs, name):
 @pytest.mark.parametrize("name", BUILT_IN)
 def test_every_level_looks_at_the_picture(root, inputs, name):
     """The kernels of each level differ from place to place."""
-    model = kernel.load(root / "weights" / f"{name}.tza")
+    model = kernel.load(root / "weights" / name)
     maps = model.maps(inputs[0])
     for head in model.net.heads:
         taps = maps[head][..., :25].astype(float)
