@@ -146,10 +146,10 @@ static void release(lull_conv *conv)
     forget(conv->out);
 }
 
-/* Multiply-accumulates per second; *share: of the peak measured in turn with it, as clocks change
- * from moment to moment. */
-static double conv_speed(void (*kernel)(const lull_conv *), const lull_conv *conv, double macs,
-                         const bench_peak *peak, double *share)
+/* Multiply-accumulates per second of `count` calls; *share: of the peak measured in turn with it,
+ * as clocks change from moment to moment. */
+static double conv_speed(void (*kernel)(const lull_conv *), const lull_conv *conv, unsigned count,
+                         double macs, const bench_peak *peak, double *share)
 {
     double speed[RUNS], shares[RUNS];
     kernel(conv);
@@ -157,7 +157,8 @@ static double conv_speed(void (*kernel)(const lull_conv *), const lull_conv *con
         double before = peak ? peak_speed(peak) : 0, start = cpu_seconds(), end;
         unsigned n = 0;
         do {
-            kernel(conv);
+            for (unsigned k = 0; k < count; k++)
+                kernel(conv + k);
             n++;
         } while ((end = cpu_seconds()) - start < RUN_SECONDS);
         speed[i] = macs * n / (end - start);
@@ -167,19 +168,35 @@ static double conv_speed(void (*kernel)(const lull_conv *), const lull_conv *con
     return median(speed);
 }
 
+/* The peak of a port's slot, which it prints; NULL if it is not known. */
+static const bench_peak *find_peak(const char *port, const char *slot)
+{
+    double speed[RUNS];
+    for (unsigned i = 0; i < bench_peak_count; i++)
+        if (!strcmp(bench_peaks[i].port, port) && !strcmp(bench_peaks[i].slot, slot)) {
+            for (unsigned k = 0; k < RUNS; k++)
+                speed[k] = peak_speed(&bench_peaks[i]);
+            printf("%-8s %s peak (%s): %.1f GMAC/s\n", port, slot, bench_peaks[i].instructions,
+                   median(speed) * 1e-9);
+            return &bench_peaks[i];
+        }
+    return NULL;
+}
+
+static void print_conv(const char *port, const char *slot, const char *name, double speed,
+                       const bench_peak *peak, double share)
+{
+    printf("%-8s %-10s %-24s %7.1f GMAC/s", port, slot, name, speed * 1e-9);
+    if (peak)
+        printf("  %3.0f %% of peak", 100 * share);
+    printf("\n");
+    fflush(stdout);
+}
+
 static void bench_conv(const char *port, const lull_kernels *kernels, int is_integer)
 {
     const char *slot = is_integer ? "conv_int" : "conv_f32";
-    const bench_peak *peak = NULL;
-    for (unsigned i = 0; i < bench_peak_count; i++)
-        if (!strcmp(bench_peaks[i].port, port) && !strcmp(bench_peaks[i].slot, slot)) {
-            double speed[RUNS];
-            peak = &bench_peaks[i];
-            for (unsigned k = 0; k < RUNS; k++)
-                speed[k] = peak_speed(peak);
-            printf("%-8s %s peak (%s): %.1f GMAC/s\n", port, slot, peak->instructions,
-                   median(speed) * 1e-9);
-        }
+    const bench_peak *peak = find_peak(port, slot);
     for (unsigned i = 0; i < sizeof layers / sizeof layers[0]; i++) {
         int is_int3 = is_integer && layers[i].outputs == 3 && !kernels->splits_wide;
         void (*kernel)(const lull_conv *) = is_int3      ? kernels->conv_int3
@@ -189,18 +206,73 @@ static void bench_conv(const char *port, const lull_kernels *kernels, int is_int
         lull_conv conv;
         double macs, speed, share;
         make(&conv, &layers[i], is_integer, block, &macs);
-        speed = conv_speed(kernel, &conv, macs, peak, &share);
+        speed = conv_speed(kernel, &conv, 1, macs, peak, &share);
         release(&conv);
-        printf("%-8s %s %-24s %7.1f GMAC/s", port, slot, layers[i].name, speed * 1e-9);
-        if (peak)
-            printf("  %3.0f %% of peak", 100 * share);
-        printf("\n");
-        fflush(stdout);
+        print_conv(port, slot, layers[i].name, speed, peak, share);
     }
 }
 
-/* ---- The other slots: nanoseconds for each output pixel
- * ---------------------------------------- */
+/* ---- Products at the points of patches ---- */
+
+#define POINT_BYTES (320u << 10) /* of points and sums, about what a task of plan.c has */
+
+/* Bytes from plane to plane: an odd number of lines, as in plans. */
+static size_t plane_bytes(size_t bytes) { return lull_align_up(bytes, LULL_ALIGN) | LULL_ALIGN; }
+
+/* The products of all points of twelve patches or more, each with its weights. Returns their
+ * multiply-accumulates. */
+static double make_points(lull_conv conv[LULL_PATCH_POINTS], const layer *shape, unsigned block)
+{
+    size_t patch = (size_t)LULL_PATCH_POINTS * (2 * shape->channels + 4 * shape->outputs);
+    unsigned patches = 12 * lull_max_u((unsigned)(POINT_BYTES / patch / 12), 1);
+    size_t in = plane_bytes((size_t)2 * patches * shape->channels);
+    size_t out = plane_bytes((size_t)4 * patches * shape->outputs);
+    size_t weights = lull_align_up(shape->outputs, block) * shape->channels * 2;
+    uint8_t *points = memory(LULL_PATCH_POINTS * in), *sums = memory(LULL_PATCH_POINTS * out);
+    uint8_t *w = memory(LULL_PATCH_POINTS * weights);
+    memset(conv, 0, LULL_PATCH_POINTS * sizeof *conv);
+    for (unsigned k = 0; k < LULL_PATCH_POINTS; k++) {
+        conv[k].outputs = shape->outputs;
+        conv[k].out_step = shape->outputs;
+        conv[k].pixels = patches;
+        conv[k].out = sums + k * out;
+        conv[k].segments = 1;
+        conv[k].segment[0].row = points + k * in;
+        conv[k].segment[0].weights = w + k * weights;
+        conv[k].segment[0].length = conv[k].segment[0].step = shape->channels / 2;
+    }
+    for (size_t i = 0; i < LULL_PATCH_POINTS * in; i++)
+        points[i] = (uint8_t)(i * 31);
+    for (size_t i = 0; i < LULL_PATCH_POINTS * weights; i++)
+        w[i] = (uint8_t)(i * 7);
+    return (double)LULL_PATCH_POINTS * patches * shape->channels * shape->outputs;
+}
+
+/* 1 if a layer is one that can be made in patches. */
+static int is_patched(const layer *shape)
+{
+    return shape->taps == 3 && !shape->skip && !shape->wide_source &&
+           shape->channels % LULL_PATCH_CHANNELS == 0 && shape->outputs % LULL_PATCH_CHANNELS == 0;
+}
+
+static void bench_points(const char *port, const lull_kernels *kernels)
+{
+    const bench_peak *peak = find_peak(port, "points_int");
+    for (unsigned i = 0; i < sizeof layers / sizeof layers[0]; i++) {
+        static lull_conv conv[LULL_PATCH_POINTS];
+        double macs, speed, share;
+        if (!is_patched(&layers[i]))
+            continue;
+        macs = make_points(conv, &layers[i], kernels->block_int);
+        speed = conv_speed(kernels->points_int, conv, LULL_PATCH_POINTS, macs, peak, &share);
+        forget(conv[0].segment[0].row);
+        forget(conv[0].segment[0].weights);
+        forget(conv[0].out);
+        print_conv(port, "points_int", layers[i].name, speed, peak, share);
+    }
+}
+
+/* ---- The other slots: nanoseconds for each output pixel ---- */
 
 #define CHANNELS 32u
 #define CODE_STEP 52u
@@ -219,6 +291,42 @@ static void run_pool_u8(const lull_kernels *k)
 }
 
 #define PLANE (2 * PIXELS + 16) /* floats from plane to plane */
+
+/* Of 32 channels, four rows of pixels in patches. */
+#define PATCHES (PIXELS / LULL_PATCH_SIDE / LULL_PATCH_SIDE)
+
+static int16_t *points;
+static int32_t *sums;
+
+static void run_patches_in(const lull_kernels *k)
+{
+    lull_patches image = {0};
+    for (unsigned y = 0; y < 6; y++)
+        image.row[y] = bytes + 8 * y * PIXELS;
+    image.points = points;
+    image.plane = plane_bytes(2 * CHANNELS * PATCHES) / 2;
+    image.channels = CHANNELS;
+    image.patches = PATCHES;
+    k->patches_in(&image);
+}
+
+static void run_patches_out(const lull_kernels *k)
+{
+    static const int32_t bias[CHANNELS], multiplier[CHANNELS];
+    lull_patches image = {0};
+    for (unsigned y = 0; y < LULL_PATCH_SIDE; y++)
+        image.out[y] = bytes + 8 * y * PIXELS;
+    image.sums = sums;
+    image.plane = plane_bytes(4 * CHANNELS * PATCHES) / 4;
+    image.bias = bias;
+    image.multiplier = multiplier;
+    image.out_max = 255;
+    image.channels = CHANNELS;
+    image.patches = PATCHES;
+    image.phase = LULL_PATCH_WHOLE;
+    image.is_small = 1;
+    k->patches_out(&image);
+}
 
 static void run_filter5(const lull_kernels *k)
 {
@@ -317,13 +425,15 @@ static unsigned bench_pixels(const char *port, const lull_kernels *kernels,
     unsigned done = 0, all = kernels == scalar;
     floats = memory(512 * PIXELS * sizeof *floats);
     bytes = memory(512 * PIXELS);
+    points = memory(LULL_PATCH_POINTS * plane_bytes(2 * CHANNELS * PATCHES));
+    sums = memory(LULL_PATCH_POINTS * plane_bytes(4 * CHANNELS * PATCHES));
     for (unsigned i = 0; i < 512 * PIXELS; i++) {
         floats[i] = (float)(1 + i * 37 % 101) * 0.01f;
         bytes[i] = (uint8_t)(i * 37 % 251);
     }
 #define BENCH(slot, what)                                                                          \
     if (all || kernels->slot != scalar->slot)                                                      \
-        done++, printf("%-8s %-8s %-24s %7.2f ns/pixel\n", port, #slot, what,                      \
+        done++, printf("%-8s %-11s %-23s %7.2f ns/pixel\n", port, #slot, what,                     \
                        1e9 * pixel_time(run_##slot, kernels));
     BENCH(pool_f32, "32 channels")
     BENCH(pool_u8, "32 channels")
@@ -337,8 +447,12 @@ static unsigned bench_pixels(const char *port, const lull_kernels *kernels,
     BENCH(luminance, "3 channels")
     BENCH(curve_in, "3 channels")
     BENCH(curve_out, "3 channels")
+    BENCH(patches_in, "32 channels")
+    BENCH(patches_out, "32 channels")
     forget(floats);
     forget(bytes);
+    forget(points);
+    forget(sums);
     return done;
 }
 
@@ -364,6 +478,8 @@ int bench_main(const char *port)
             bench_conv(ports[i].name, &kernels, 0), done++;
         if (i == 0 || kernels.conv_int != scalar.conv_int)
             bench_conv(ports[i].name, &kernels, 1), done++;
+        if (i == 0 || kernels.points_int != scalar.points_int)
+            bench_points(ports[i].name, &kernels), done++;
         done += bench_pixels(ports[i].name, i ? &kernels : &scalar, &scalar);
     }
     if (!done)

@@ -1,5 +1,6 @@
 /* Loops of the ports' multiply instructions on registers alone: what a CPU could do at best. */
 #include <stddef.h>
+#include <stdint.h>
 
 #include "bench.h"
 
@@ -33,6 +34,10 @@
     "vpmaddwd %%ymm13,%%ymm12,%%ymm12\n"   \
     "vpaddd %%ymm12,%%ymm" #i ",%%ymm" #i "\n"
 #define VNNI_256(i) "%{vex%} vpdpbusd %%ymm13,%%ymm14,%%ymm" #i "\n"
+#define WORDS_256(i)                     \
+    "vpmaddwd %%ymm13,%%ymm14,%%ymm12\n" \
+    "vpaddd %%ymm12,%%ymm" #i ",%%ymm" #i "\n"
+#define VNNI_WORDS_256(i) "%{vex%} vpdpwssd %%ymm13,%%ymm14,%%ymm" #i "\n"
 #define ALL_CLEAR_256 TWELVE(CLEAR_256) CLEAR_256(12) CLEAR_256(13) CLEAR_256(14) CLEAR_256(15)
 
 #define CLEAR_512(i) "vpxord %%zmm" #i ",%%zmm" #i ",%%zmm" #i "\n"
@@ -42,6 +47,10 @@
     "vpmaddwd %%zmm25,%%zmm24,%%zmm24\n"   \
     "vpaddd %%zmm24,%%zmm" #i ",%%zmm" #i "\n"
 #define VNNI_512(i) "vpdpbusd %%zmm25,%%zmm26,%%zmm" #i "\n"
+#define WORDS_512(i)                     \
+    "vpmaddwd %%zmm25,%%zmm26,%%zmm24\n" \
+    "vpaddd %%zmm24,%%zmm" #i ",%%zmm" #i "\n"
+#define VNNI_WORDS_512(i) "vpdpwssd %%zmm25,%%zmm26,%%zmm" #i "\n"
 #define ALL_CLEAR_512 \
     TWENTY_FOUR(CLEAR_512) CLEAR_512(24) CLEAR_512(25) CLEAR_512(26) CLEAR_512(27)
 
@@ -51,6 +60,30 @@ LOOP(vnni_256, TWELVE, 12, ALL_CLEAR_256, VNNI_256, 32)
 LOOP(fma_512, TWENTY_FOUR, 24, ALL_CLEAR_512, FMA_512, 16)
 LOOP(int8_512, TWENTY_FOUR, 24, ALL_CLEAR_512, INT8_512, 64)
 LOOP(vnni_512, TWENTY_FOUR, 24, ALL_CLEAR_512, VNNI_512, 64)
+LOOP(words_256, TWELVE, 12, ALL_CLEAR_256, WORDS_256, 16)
+LOOP(vnni_words_256, TWELVE, 12, ALL_CLEAR_256, VNNI_WORDS_256, 16)
+LOOP(words_512, TWENTY_FOUR, 24, ALL_CLEAR_512, WORDS_512, 32)
+LOOP(vnni_words_512, TWENTY_FOUR, 24, ALL_CLEAR_512, VNNI_WORDS_512, 32)
+
+/* Whole tiles, 16 rows of 64 bytes: six of sums, 6 by 7. A product takes as long as some sixty of
+ * the vectors above: fewer rounds. */
+static double tiles(unsigned rounds)
+{
+    struct {
+        uint8_t palette, start, reserved[14];
+        uint16_t bytes[16]; /* of a row */
+        uint8_t rows[16];
+    } config = {1, 0, {0}, {64, 64, 64, 64, 64, 64, 64, 64}, {16, 16, 16, 16, 16, 16, 16, 16}};
+    unsigned n = rounds / 16, all = n;
+#define CLEAR_TILE(i) "tilezero %%tmm" #i "\n"
+#define TILE(i) "tdpbusd %%tmm7,%%tmm6,%%tmm" #i "\n"
+    __asm__ volatile("ldtilecfg %1\n" EIGHT(CLEAR_TILE) "1:\n" TILE(0) TILE(1) TILE(2) TILE(3)
+                         TILE(4) TILE(5) "dec %0\njnz 1b\ntilerelease\n"
+                     : "+r"(n)
+                     : "m"(config)
+                     : "cc");
+    return (double)all * 6 * 16 * 16 * 64;
+}
 
 const bench_peak bench_peaks[] = {
     {"avx2", "conv_f32", "vfmadd231ps ymm", fma_256},
@@ -59,6 +92,11 @@ const bench_peak bench_peaks[] = {
     {"avx512", "conv_int", "vpmaddubsw vpmaddwd vpaddd zmm", int8_512},
     {"avxvnni", "conv_int", "vpdpbusd ymm", vnni_256},
     {"vnni", "conv_int", "vpdpbusd zmm", vnni_512},
+    {"amx", "conv_int", "tdpbusd tmm", tiles},
+    {"avx2", "points_int", "vpmaddwd vpaddd ymm", words_256},
+    {"avx512", "points_int", "vpmaddwd vpaddd zmm", words_512},
+    {"avxvnni", "points_int", "vpdpwssd ymm", vnni_words_256},
+    {"vnni", "points_int", "vpdpwssd zmm", vnni_words_512},
 };
 const unsigned bench_peak_count = sizeof bench_peaks / sizeof bench_peaks[0];
 
