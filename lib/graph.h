@@ -59,7 +59,7 @@ typedef struct lull_layer {
     uint8_t is_wide;     /* integer models: the output has 15-bit codes */
     uint8_t is_winograd; /* fp32: computed in Winograd's form, two rows together */
     uint8_t has_patches; /* integers: sources packed for patches, too: 1 the first, 2 the second, or
-                          * both; then four rows are made together, or eight (has_phases) */
+                          * both; then four rows are made together, or eight of what has phases */
 } lull_layer;
 
 typedef struct lull_graph {

@@ -146,12 +146,19 @@ typedef struct lull_curve {
     int is_signed;
 } lull_curve;
 
+/* What of a network's integer layers is faster in patches (patches.h) than by conv_int. */
+enum {
+    LULL_PATCHES_NONE,
+    LULL_PATCHES_OWN, /* sources of a layer's own resolution */
+    LULL_PATCHES_UP   /* upsampled ones, too */
+};
+
 typedef struct lull_kernels {
     unsigned block_f32; /* output channels a weight block holds, fp32 */
     unsigned block_int;
     unsigned splits_wide; /* 1: conv_int multiplies the bytes of wide elements by themselves */
-    unsigned has_patches; /* integer layers are faster in patches: 1 all that can be, 2 of U nets */
-    unsigned has_phases;  /* 1: so are their upsampled sources, of U nets */
+    unsigned patches_u;   /* LULL_PATCHES_... of networks of family U */
+    unsigned patches_k;   /* ... and of family K, whose layers have fewer channels */
 #define KERNEL(name, parameters, tolerance, purpose) void(*name) parameters;
 #include "kernels.def"
 } lull_kernels;

@@ -383,19 +383,19 @@ LULL_NOINLINE static int fits_patches(const lull_graph *graph, const lull_layer 
                                   (is_up ? 4 : 1) * layer->outputs, (is_up ? 4 : 9) * inputs);
 }
 
-/* Marks the sources of integer layers to pack for patches: those of layers with one source, and
- * narrow ones of layers with two. */
+/* Marks the sources of integer layers to pack for patches: the first if it is a layer's only one, or
+ * upsampled and narrow, and the second if it is narrow. */
 static void choose_patches(lull_graph *graph, const lull_kernels *kernels, const lull_tza *tza)
 {
+    unsigned takes = graph->family == LULL_FAMILY_U ? kernels->patches_u : kernels->patches_k;
     for (unsigned l = 0; l < graph->layers; l++) {
         lull_layer *layer = &graph->layer[l];
         int is_up = lull_layer_is_up(layer), has_skip = layer->source[1] != LULL_TENSOR_NONE;
         int is_narrow = lull_graph_dtype(graph, layer->source[0]) == LULL_DTYPE_U8;
-        int phases = kernels->has_phases && graph->family == LULL_FAMILY_U && is_narrow;
-        if (!kernels->has_patches || !graph->is_integer || layer->op != LULL_OP_CONV ||
-            (kernels->has_patches == 2 && graph->family != LULL_FAMILY_U))
+        if (takes == LULL_PATCHES_NONE || !graph->is_integer || layer->op != LULL_OP_CONV)
             continue;
-        if ((is_up ? phases : !has_skip) && fits_patches(graph, layer, 0, tza))
+        if ((is_up ? takes == LULL_PATCHES_UP && is_narrow : !has_skip) &&
+            fits_patches(graph, layer, 0, tza))
             layer->has_patches = 1;
         if (has_skip && lull_graph_dtype(graph, layer->source[1]) == LULL_DTYPE_U8 &&
             fits_patches(graph, layer, 1, tza))

@@ -6,8 +6,8 @@ void lull_port_amx(lull_kernels *kernels)
 #if LULL_HAS_TILES
     kernels->block_int = 16;
     kernels->splits_wide = 1;
-    kernels->has_patches = 0; /* tiles multiply bytes only */
-    kernels->has_phases = 0;
+    kernels->patches_u = LULL_PATCHES_NONE; /* tiles multiply bytes only */
+    kernels->patches_k = LULL_PATCHES_NONE;
     kernels->conv_int = lull_conv_int_amx;
 #else
     (void)kernels;

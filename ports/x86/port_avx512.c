@@ -10,8 +10,8 @@ void lull_port_avx512(lull_kernels *kernels)
     kernels->winograd_out = lull_winograd_out_avx512;
     kernels->conv_int = lull_conv_int_avx512;
     kernels->conv_int3 = lull_conv_int3_avx512;
-    kernels->has_patches = 1;
-    kernels->has_phases = 1;
+    kernels->patches_u = LULL_PATCHES_UP;
+    kernels->patches_k = LULL_PATCHES_OWN;
     kernels->patches_in = lull_patches_in_avx512;
     kernels->points_int = lull_points_int_avx512;
     kernels->patches_out = lull_patches_out_avx512;

@@ -83,9 +83,10 @@ static void conv_case(int is_integer, unsigned outputs, unsigned pixels)
 {
     cases_conv c;
     uint8_t *out;
+    int has_patches = now.port->patches_u || now.port->patches_k;
     cases_make(&c, is_integer, now.pattern, outputs, pixels);
-    c.has_start = is_integer && !now.is_int3 && (now.is_scalar || now.port->has_patches) &&
-                  guard_below(3) == 0;
+    c.has_start =
+        is_integer && !now.is_int3 && (now.is_scalar || has_patches) && guard_below(3) == 0;
     out = guard_place(GUARD_OUT, cases_out_bytes(&c), c.at_end);
     if (now.is_scalar || !is_integer)
         cases_define(&c, value, size);
