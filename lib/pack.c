@@ -383,8 +383,8 @@ LULL_NOINLINE static int fits_patches(const lull_graph *graph, const lull_layer 
                                   (is_up ? 4 : 1) * layer->outputs, (is_up ? 4 : 9) * inputs);
 }
 
-/* Marks the sources of integer layers to pack for patches: the first if it is a layer's only one, or
- * upsampled and narrow, and the second if it is narrow. */
+/* Marks the sources of integer layers to pack for patches: the first if it is a layer's only one,
+ * or upsampled and narrow, and the second if it is narrow. */
 static void choose_patches(lull_graph *graph, const lull_kernels *kernels, const lull_tza *tza)
 {
     unsigned takes = graph->family == LULL_FAMILY_U ? kernels->patches_u : kernels->patches_k;
