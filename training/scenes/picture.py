@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import glob
 import json
 import os
@@ -79,6 +80,23 @@ def write_level(folder: str, name: str, spp: int, image: np.ndarray, bits: int) 
         write_exr(os.path.join(folder, f"{name}_{spp:04d}spp.{kind}.exr"), part, bits)
 
 
+@contextlib.contextmanager
+def folder(out: str, name: str):
+    """A folder in out to fill, which `publish` gives its name; nothing is left of it after an
+    error."""
+    temporary = os.path.join(out, f".{name}.tmp{os.getpid()}")
+    for old in glob.glob(os.path.join(glob.escape(out), f".{name}.tmp*")):  # of a killed run
+        shutil.rmtree(old)
+    try:
+        os.makedirs(temporary)
+        yield temporary
+    except BaseException as err:
+        shutil.rmtree(temporary, ignore_errors=True)
+        if isinstance(err, OSError):
+            raise ToolError(f"{temporary}: {err.strerror}", OUTPUT) from None
+        raise
+
+
 def write_group(mi, out: str, name: str, scene, integrators, shot: Shot, noisy: list[int],
                 target: int, seed: int, gain: float = 1.0, bits: tuple[int, int] = (10, 10)
                 ) -> dict:
@@ -87,12 +105,8 @@ def write_group(mi, out: str, name: str, scene, integrators, shot: Shot, noisy: 
     integrators: of the noisy versions and of the target; noisy, target: samples per pixel; gain
     multiplies the radiance; bits: mantissa of the noisy files and of the target.
     """
-    temporary = os.path.join(out, f".{name}.tmp{os.getpid()}")
-    for old in glob.glob(os.path.join(glob.escape(out), f".{name}.tmp*")):  # of a killed run
-        shutil.rmtree(old)
-    try:
-        os.makedirs(temporary)
-        figures: dict = {"seconds": {}, "non_finite": 0}
+    figures: dict = {"seconds": {}, "non_finite": 0}
+    with folder(out, name) as temporary:
         for spp in [target, *noisy]:  # an unfinished group has its target at least
             start = time.process_time()
             image, bad = clean(render(mi, scene, integrators[spp == target], shot, spp,
@@ -101,12 +115,7 @@ def write_group(mi, out: str, name: str, scene, integrators, shot: Shot, noisy: 
             write_level(temporary, name, spp, image, bits[spp == target])
             figures["seconds"][f"{spp:04d}"] = round(time.process_time() - start, 2)
             figures["non_finite"] += bad
-        return figures
-    except BaseException as err:
-        shutil.rmtree(temporary, ignore_errors=True)
-        if isinstance(err, OSError):
-            raise ToolError(f"{temporary}: {err.strerror}", OUTPUT) from None
-        raise
+    return figures
 
 
 def publish(out: str, name: str, manifest: dict) -> None:

@@ -1,0 +1,66 @@
+"""Pictures drawn without a renderer: what the noisy versions and the target promise."""
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from training.errors import ToolError
+from training.imageio import read_image
+from training.scenes import leaves
+
+SMALL = ["--size", "32x24", "--spp", "1,2", "--pick", "0"]
+
+
+def draw(out, *more):
+    leaves.main([str(out), *SMALL, *more])
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_target_is_the_mean_of_the_samples(seed):
+    """Of all nine channels, by blocks of 4x4 pixels, within what is left of the noise."""
+    stage = leaves.Stage(32, 32, np.random.default_rng([seed, 7]))
+    rng = np.random.default_rng(seed)
+
+    def blocks(x):
+        return x.reshape(8, 4, 8, 4, 9).mean((1, 3))
+
+    n = 600
+    samples = np.stack([blocks(stage.sample(rng)) for _ in range(n)])
+    wanted = blocks(stage.target)
+    left = samples.std(0) / np.sqrt(n)
+    off = np.abs(samples.mean(0) - wanted)
+    assert (off <= 6 * left + 0.01 * np.abs(wanted) + 1e-5).mean() > 0.99
+    assert abs((samples.mean(0) - wanted).mean()) <= 0.02 * np.abs(wanted).mean()
+
+
+def test_pictures_differ_and_repeat(tmp_path, capsys):
+    draw(tmp_path / "a", "--seeds", "0:3")
+    draw(tmp_path / "b", "--seeds", "2")
+    files = sorted(p.name for p in (tmp_path / "a" / "l00002").iterdir())
+    kinds = [f"l00002_{n}spp.{k}.exr" for n in ("0001", "0002", "4096")
+             for k in ("alb", "hdr", "nrm")]
+    assert files == sorted([*kinds, "manifest.json"])
+    for name in files:
+        a, b = ((tmp_path / side / "l00002" / name).read_bytes() for side in "ab")
+        assert name == "manifest.json" or a == b
+    image = read_image(tmp_path / "a" / "l00002" / "l00002_4096spp.hdr.exr")
+    other = read_image(tmp_path / "a" / "l00001" / "l00001_4096spp.hdr.exr")
+    assert image.shape == other.shape == (24, 32, 3) and not np.allclose(image, other, rtol=0.1)
+    noisy = read_image(tmp_path / "a" / "l00002" / "l00002_0001spp.hdr.exr")
+    assert np.isfinite(noisy).all() and (noisy >= 0).all() and not np.array_equal(noisy, image)
+    manifest = json.loads((tmp_path / "a" / "l00002" / "manifest.json").read_text())
+    assert manifest["size"] == [32, 24] and manifest["noisy"] == [1, 2]
+    capsys.readouterr()
+    draw(tmp_path / "a", "--seeds", "0:3")
+    assert capsys.readouterr().out == "0 pictures to draw, 3 finished before\n"
+
+
+@pytest.mark.parametrize("more, what", [(["--size", "8"], "--size"), (["--spp", "x"], "--spp"),
+                                        (["--bits", "1,1"], "--bits"),
+                                        (["--pick", "-1"], "--pick")])
+def test_bad_options_are_named(tmp_path, more, what):
+    with pytest.raises(ToolError, match=what):
+        draw(tmp_path / "a", *more)
+    assert not (tmp_path / "a").exists()

@@ -1,0 +1,321 @@
+"""Draw pictures to train on without a renderer: python -m training.scenes.leaves OUT --seeds 0:1000
+
+Overlapping figures ("dead leaves") with albedo, normals, textures, shadows, reflections and lamps,
+and noisy versions as of a path tracer: every sample falls on a point of the pixel, sees a light or
+not, and finds indirect light by chance. The target is the expectation of all that, without noise.
+A picture takes a fraction of a second. OUT/NAME/ holds NAME_SSSSspp.{hdr,alb,nrm}.exr, the target
+under 4096 samples, and manifest.json. Finished pictures are skipped.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import time
+
+import numpy as np
+
+from training import errors
+from training.augment import waves
+from training.errors import OUTPUT, USAGE, ToolError
+
+from . import picture, textures
+from .options import bit_pair, count_list, seed_list, shard, size_pair
+
+SIDE = 3               # points of a pixel: SIDE x SIDE
+TARGET = 4096          # samples that the target stands for
+BITMAPS, TEXELS = 5, 128
+LARGEST = 65504.0
+
+
+def parser() -> argparse.ArgumentParser:
+    p = argparse.ArgumentParser(prog="training.scenes.leaves", description=__doc__,
+                                formatter_class=argparse.RawDescriptionHelpFormatter)
+    p.add_argument("out", metavar="OUT", help="folder of the data set; made if missing")
+    p.add_argument("--seeds", default="0:100", help="0:100 (end excluded), 7, or 1,5,9:12")
+    p.add_argument("--size", default="144", help="pixels: 144 or 320x208 (width x height)")
+    p.add_argument("--spp", default="1,2,4,8,16,32,64", help="sample counts of the noisy images")
+    p.add_argument("--pick", type=int, default=3, help="how many of them a picture gets; 0: all")
+    p.add_argument("--shard", default="0/1", metavar="i/n",
+                   help="the i-th of n shares of the seeds, i from 0")
+    p.add_argument("--bits", default="10,10", metavar="N,T",
+                   help="mantissa bits kept in noisy files and targets")
+    return p
+
+
+def colour(rng: np.random.Generator) -> np.ndarray:
+    """A reflectance, [3]: a third of them grey."""
+    level = rng.uniform(0.03, 0.95) ** rng.uniform(0.7, 2)
+    tint = rng.uniform(0.1, 1, 3) ** rng.choice([0.0, 0.5, 1.5])
+    return np.clip(level * tint / tint.max(), 0.005, 0.95)
+
+
+def blur(a: np.ndarray, r: int) -> np.ndarray:
+    """Means over (2 r + 1)^2 points of [h,w,...], edges repeated."""
+    for axis in (0, 1) if r else ():
+        pad = [(0, 0)] * a.ndim
+        pad[axis] = (r + 1, r)
+        total = np.cumsum(np.pad(a, pad, mode="edge"), axis, dtype=np.float64)
+        n = a.shape[axis]
+        a = (total.take(np.arange(2 * r + 1, 2 * r + 1 + n), axis)
+             - total.take(np.arange(n), axis)) / (2 * r + 1)
+    return a.astype(np.float32)
+
+
+def inside(kind: int, u: np.ndarray, v: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Which points (u, v) of [-1,1]^2 belong to a figure of a kind."""
+    box = np.maximum(np.abs(u), np.abs(v)) < 1
+    if kind == 0:
+        return u * u + v * v < 1
+    if kind == 1:
+        return box
+    if kind == 2:  # convex polygon
+        angles = rng.uniform(0, 2 * np.pi, int(rng.integers(3, 8)))
+        return box & (np.max([u * np.cos(a) + v * np.sin(a) for a in angles], 0)
+                      < rng.uniform(0.3, 0.8))
+    if kind == 3:
+        return np.abs(np.hypot(u, v) - 0.8) < rng.uniform(0.02, 0.2)
+    if kind == 4:  # bars, or a lattice
+        k, duty = rng.integers(3, 24, 2), rng.uniform(0.15, 0.6)
+        bars = (u * k[0]) % 1 < duty
+        return box & (bars | ((v * k[1]) % 1 < duty) if rng.random() < 0.4 else bars)
+    cut = textures.leaf_mask(rng, 64)
+    at = ((np.stack([v, u]) * 0.5 + 0.5) * 64).astype(int).clip(0, 63)
+    return box & (cut[at[0], at[1]] > 0.5)
+
+
+def paint(h: int, w: int, count: int, sizes: tuple[float, float], rng: np.random.Generator):
+    """Numbers of the figures seen at the points of [h,w] (0: behind all), and their own u, v."""
+    number = np.zeros((h, w), np.int32)
+    v, u = (np.broadcast_to(t, (h, w)).astype(np.float32) for t in
+            (np.linspace(-1, 1, h)[:, None], np.linspace(-1, 1, w)))
+    u, v = u.copy(), v.copy()
+    power = rng.uniform(-2.5, -0.5)
+    a, b = sizes[0] ** power, sizes[1] ** power
+    radii = (a + rng.random(count) * (b - a)) ** (1 / power)
+    if rng.random() < 0.6:
+        radii = np.sort(radii)[::-1]
+    large = int(rng.integers(0, 9))  # behind the others
+    radii[:large] = rng.uniform(0.15, 0.8, len(radii[:large])) * w
+    for i, r in enumerate(radii):
+        aspect = np.exp(rng.normal(0, 0.5)) if rng.random() < 0.8 else rng.uniform(0.02, 0.15)
+        x, y, turn = rng.uniform(0, w), rng.uniform(0, h), rng.uniform(0, 2 * np.pi)
+        if rng.random() < 0.4:
+            turn = rng.normal(0, 0.03)
+        ru, rv = r * np.sqrt(aspect), max(r / np.sqrt(aspect), 0.5)
+        reach = np.hypot(ru, rv)
+        ys = slice(max(0, int(y - reach)), max(0, min(h, int(y + reach) + 1)))
+        xs = slice(max(0, int(x - reach)), max(0, min(w, int(x + reach) + 1)))
+        dy = (np.arange(ys.start, ys.stop) - y)[:, None].astype(np.float32)
+        dx = (np.arange(xs.start, xs.stop) - x).astype(np.float32)
+        c, s = np.float32(np.cos(turn)), np.float32(np.sin(turn))
+        uu, vv = (c * dx + s * dy) / np.float32(ru), (c * dy - s * dx) / np.float32(rv)
+        kind = int(rng.choice(6, p=[0.25, 0.3, 0.2, 0.08, 0.09, 0.08]))
+        m = inside(kind, uu, vv, rng)
+        number[ys, xs][m] = i + 1
+        u[ys, xs][m] = uu[m]
+        v[ys, xs][m] = vv[m]
+    return number, u, v
+
+
+def unit(v: np.ndarray) -> np.ndarray:
+    return v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-9)
+
+
+def surfaces(number, u, v, count: int, rng: np.random.Generator):
+    """Albedo and normals of the points, [h,w,3] each."""
+    n = count + 1
+    bitmaps = np.stack([textures.picture(rng, TEXELS, colour) for _ in range(BITMAPS)])
+    which, scale = rng.integers(BITMAPS, size=n), 2.0 ** rng.uniform(-2, 2.5, n)
+    at_u, at_v = ((t * scale[number] + rng.random(n)[number]) * TEXELS % TEXELS for t in (u, v))
+    texel = which[number], at_v.astype(int) % TEXELS, at_u.astype(int) % TEXELS
+    plain = np.stack([colour(rng) for _ in range(n)])
+    textured = (rng.random(n) < rng.uniform(0, 0.8)).astype(np.float32)[number][..., None]
+    depth = rng.uniform(0.2, 1, n)[number][..., None] * textured
+    albedo = plain[number] * (1 - depth) + bitmaps[texel] * depth
+    frame = np.linalg.qr(rng.normal(size=(3, 3)))[0]  # of the room: most planes lie along it
+    along = rng.random(n)[:, None] < rng.uniform(0, 0.9)
+    base = unit(np.where(along, frame[rng.integers(3, size=n)] * rng.choice([-1, 1], (n, 1)),
+                         rng.normal(size=(n, 3))))
+    across = unit(np.cross(base, rng.normal(size=(n, 3))))
+    third = np.cross(base, across)
+    round_u, round_v = (rng.uniform(0.3, 2, n) * (rng.random(n) < 0.3) for _ in range(2))
+    height = bitmaps.mean(-1)
+    bump = rng.uniform(0.5, 6, n) * (rng.random(n) < 0.2)
+    slope_u, slope_v = ((np.roll(height, -1, axis) - np.roll(height, 1, axis))[texel]
+                        for axis in (2, 1))
+    tilt_u = round_u[number] * u + bump[number] * slope_u
+    tilt_v = round_v[number] * v + bump[number] * slope_v
+    normal = unit(base[number] + tilt_u[..., None] * across[number]
+                  + tilt_v[..., None] * third[number])
+    return albedo.astype(np.float32), normal.astype(np.float32)
+
+
+def shadow(h: int, w: int, number, count: int, rng: np.random.Generator) -> np.ndarray:
+    """Share of a light that the points see, [h,w]: figures with sharp or soft edges, moved from
+    surface to surface."""
+    few = int(rng.integers(1, 40))
+    mask = (paint(h, w, few, (6, 0.5 * w), rng)[0] == 0).astype(np.float32)
+    if rng.random() < 0.5:
+        mask = 1 - mask
+    r = int(SIDE * rng.uniform(0, 3) ** 2.5) if rng.random() < 0.8 else 0
+    mask = blur(blur(mask, r), r // 2)
+    move = rng.integers(0, w // 3, (count + 1, 2))
+    y, x = np.indices((h, w))
+    return mask[(y + move[number, 0]) % h, (x + move[number, 1]) % w]
+
+
+class Stage:
+    """What the points of a picture send to the camera; `values` [points, columns] in the order of
+    COLUMNS, the rest is common to all points."""
+
+    def __init__(self, h: int, w: int, rng: np.random.Generator):
+        self.h, self.w = h * SIDE, w * SIDE
+        h, w = self.h, self.w
+        count = int(np.exp(rng.uniform(np.log(8), np.log(300))))
+        sizes = SIDE * rng.uniform(0.6, 3), rng.uniform(0.15, 0.6) * w
+        number, u, v = paint(h, w, count, sizes, rng)
+        n = count + 1
+        albedo, normal = surfaces(number, u, v, count, rng)
+        gap = rng.random(n).astype(np.float32)[number]  # nearness, for the dark of corners
+        corner = np.clip(blur(gap, int(rng.integers(2, 12) * SIDE)) - gap, 0, 1)
+        open_share = np.exp(-rng.uniform(0, 4) * corner)[..., None]
+        self.lights, direct = [], np.zeros((h, w, 3), np.float32)
+        for _ in range(int(rng.integers(0, 3)) if rng.random() < 0.7 else 1):
+            facing = normal @ unit(rng.normal(size=3)).astype(np.float32)
+            falling = np.exp(rng.uniform(0, 1) * waves(h, w, rng)[0] / 2)
+            power = np.exp(rng.normal(0, 1)) * (1 - rng.uniform(0, 0.6, 3) * rng.random())
+            full = (np.clip(facing, 0, 1) * falling)[..., None] * power * 3
+            seen = shadow(h, w, number, count, rng)
+            chance = 1.0 if rng.random() < 0.6 else 2.0 ** rng.uniform(-7, 0)
+            self.lights.append((full.astype(np.float32), seen, chance))
+            direct += full * seen[..., None]
+        long = rng.uniform(40, 600) * SIDE
+        field = np.mean([np.sin((np.indices((h, w)) * rng.normal(size=(2, 1, 1))).sum(0)
+                                * (6.28 / long) + rng.uniform(0, 6.28)) for _ in range(4)], 0)
+        level = np.exp(rng.normal(-0.5, 1) + rng.uniform(0, 1.5) * field
+                       + rng.normal(0, rng.uniform(0, 0.6), n)[number])[..., None]
+        ambient = level * (1 - rng.uniform(0, 0.5, 3) * rng.random()) * open_share
+        chance = 2.0 ** (0.5 - 7 * rng.random() ** 2 + rng.normal(0, 0.7, n))
+        chance = np.clip(chance, 2.0**-8, 1)[number]
+        view = (albedo * (direct + ambient))[::rng.choice([-1, 1]), ::rng.choice([-1, 1])]
+        self.view = np.roll(view, rng.integers(0, w, 2), (0, 1)).reshape(-1, 3)
+        shine = (rng.random(n) < rng.uniform(0, 0.4)) * rng.uniform(0.02, 0.5, n)
+        metal = (rng.random(n) < rng.uniform(0, 0.2))
+        mirror = np.where(metal[number][..., None], albedo, shine[number][..., None])
+        self.rough = int(rng.integers(0, 10) * SIDE * (rng.random() < 0.7))
+        matt = np.where(metal[number][..., None], 0, albedo)
+        emits = (rng.random(n) < rng.choice([0, 0.01, 0.05])) * np.exp(rng.normal(1, 1.3, n))
+        emission = emits[number][..., None] * (1 - rng.uniform(0, 0.7, (n, 3)) ** 2)[number]
+        lit = (emission.max(-1) > 0)[..., None]
+        matt, mirror = matt * ~lit, mirror * ~lit
+        aux = np.where(lit, np.clip(emission, 0, 1) if rng.random() < 0.5 else 1.0, albedo)
+        if rng.random() < 0.3:  # behind all: a sky
+            sky = (number == 0)[..., None]
+            matt, mirror, normal = matt * ~sky, mirror * ~sky, normal * ~sky
+            aux = np.where(sky, float(rng.random() < 0.5), aux)
+            emission = np.where(sky, ambient * rng.uniform(0.2, 3), emission)
+        self.defocus = int(rng.integers(1, 8)) if rng.random() < 0.15 else 0
+        self.shapes = rng.uniform(0.7, 4), rng.uniform(1, 8)  # gamma distributions of light found
+        self.tinted = rng.uniform(1, 6) if rng.random() < 0.5 else 0.0
+        expected = matt * (direct + ambient) + emission + mirror * blur(
+            self.view.reshape(h, w, 3), self.rough)
+        columns = [matt, mirror, aux, normal, emission, ambient, chance[..., None]]
+        columns += [x for full, seen, _ in self.lights for x in (full, seen[..., None])]
+        self.values = np.concatenate(columns, -1).astype(np.float32).reshape(h * w, -1)
+        self.target = self.means(np.concatenate([expected, aux, normal], -1))
+
+    def means(self, points: np.ndarray) -> np.ndarray:
+        """[h,w,c] of points to pixels."""
+        h, w, c = points.shape
+        points = blur(points, self.defocus)
+        return points.reshape(h // SIDE, SIDE, w // SIDE, SIDE, c).mean((1, 3))
+
+    def moved(self, y, x, r: int, rng: np.random.Generator) -> np.ndarray:
+        """Numbers of points at most r from (y, x) both ways."""
+        if r:
+            y, x = (t + rng.integers(-r, r + 1, t.shape) for t in (y, x))
+        return y.clip(0, self.h - 1) * self.w + x.clip(0, self.w - 1)
+
+    def sample(self, rng: np.random.Generator) -> np.ndarray:
+        """One sample of every pixel, [h,w,9]: radiance, albedo, normal."""
+        y, x = np.indices((self.h // SIDE, self.w // SIDE)) * SIDE
+        y, x = y + rng.integers(0, SIDE, y.shape), x + rng.integers(0, SIDE, x.shape)
+        at = self.moved(y, x, self.defocus, rng)
+        p = self.values[at]
+        matt, mirror, aux, normal, emission, ambient = (p[..., i:i + 3] for i in range(0, 18, 3))
+        chance = p[..., 18]
+
+        def found(share, scale, k):
+            """Light that is found with a probability, 1 in the mean where scale = 1 / share."""
+            return ((rng.random(share.shape) < share) * scale
+                    * rng.gamma(k, 1 / k, share.shape))[..., None]
+
+        light = ambient * found(chance, 1 / chance, self.shapes[0])
+        if self.tinted:
+            light = light * rng.gamma(self.tinted, 1 / self.tinted, light.shape)
+        for i, (_, _, aimed) in enumerate(self.lights):
+            k = 19 + 4 * i
+            seen = found(p[..., k + 3] * aimed, 1 / aimed, self.shapes[1])
+            light = light + p[..., k:k + 3] * seen
+        other = self.moved(at // self.w, at % self.w, self.rough, rng)
+        return np.concatenate([matt * light + mirror * self.view[other] + emission, aux, normal],
+                              -1)
+
+
+def draw_seed(seed: int, args: argparse.Namespace) -> dict:
+    """Draws one picture into OUT; returns its manifest."""
+    start, name = time.process_time(), f"l{seed:05d}"
+    rng = np.random.default_rng([seed, 7])
+    width, height = size_pair(args.size)
+    stage = Stage(height, width, rng)
+    counts = count_list(args.spp, "--spp")
+    if args.pick:
+        counts = sorted(rng.choice(counts, min(args.pick, len(counts)), replace=False).tolist())
+    light = stage.target[..., :3].mean(-1)
+    bright = light.clip(0, max(np.percentile(light, 97), 1e-6)).mean()
+    gain = np.exp(rng.normal(-1.2, 1.2)) / max(bright, 1e-6)
+
+    def versions():
+        yield TARGET, stage.target, 1
+        for spp in counts:
+            yield spp, sum(stage.sample(rng) for _ in range(spp)) / spp, 0
+
+    with picture.folder(args.out, name) as folder:
+        for spp, image, which in versions():
+            image = image * np.repeat([gain, 1.0], [3, 6])
+            image[..., :3] = image[..., :3].clip(0, LARGEST)
+            picture.write_level(folder, name, spp, image.astype(np.float32),
+                                bit_pair(args.bits)[which])
+    manifest = {"seed": seed, "size": [width, height], "noisy": counts, "target": TARGET,
+                "gain": float(gain), "cpu_seconds": round(time.process_time() - start, 2)}
+    picture.publish(args.out, name, manifest)
+    return manifest
+
+
+def run(args: argparse.Namespace) -> None:
+    """Draws the seeds of this shard."""
+    seeds = shard(seed_list(args.seeds), args.shard)
+    bit_pair(args.bits)
+    count_list(args.spp, "--spp")
+    if min(size_pair(args.size)) < 16 or args.pick < 0:
+        raise ToolError("--size must be at least 16, --pick at least 0", USAGE)
+    try:
+        os.makedirs(args.out, exist_ok=True)
+    except OSError as err:
+        raise ToolError(f"{args.out}: {err.strerror}", OUTPUT) from None
+    todo = [s for s in seeds
+            if not os.path.exists(os.path.join(args.out, f"l{s:05d}", "manifest.json"))]
+    print(f"{len(todo)} pictures to draw, {len(seeds) - len(todo)} finished before", flush=True)
+    for k, seed in enumerate(todo):
+        m = draw_seed(seed, args)
+        print(f"{k + 1}/{len(todo)} l{seed:05d} {m['noisy']} spp, {m['cpu_seconds']} s",
+              flush=True)
+
+
+def main(argv: list[str] | None = None) -> None:
+    run(parser().parse_args(argv))
+
+
+if __name__ == "__main__":
+    errors.run(main)
