@@ -136,21 +136,9 @@ LULL_INLINE void finish_1(const finish *f, int is_narrow, unsigned i, unsigned j
 }
 
 #define IS_SMALL 0
-#define TILE tile_2
-#define VECTORS 2
-#define PIXELS TILE_2
-#include "conv_int_tile.h"
-
-#define TILE tile_1
-#define VECTORS 1
-#define PIXELS TILE_1
-#include "conv_int_tile.h"
-
-#define TILE pixel_1
-#define VECTORS 1
-#define PIXELS 1
-#include "conv_int_tile.h"
-
-static const tile_shape shapes[] = {{tile_2, 2, TILE_2}, {tile_1, 1, TILE_1}, {pixel_1, 1, 1}};
+#define TEMPLATE "conv_int_tile.h"
+#define SHAPES shapes
+#define SHAPE(vectors) tile_##vectors
+#include "shapes_256.h"
 
 void CONV(const lull_conv *conv) { run_tiles(conv, shapes, LANES, 1); }

@@ -5,59 +5,18 @@
 
 #define FINISH_FOUR
 #define IS_SMALL 0
-#define TILE tile_4
-#define VECTORS 4
-#define PIXELS 6
-#include "conv_int_tile.h"
-
-#define TILE tile_3
-#define VECTORS 3
-#define PIXELS 8
-#include "conv_int_tile.h"
-
-#define TILE tile_2
-#define VECTORS 2
-#define PIXELS 12
-#include "conv_int_tile.h"
-
-#define TILE tile_1
-#define VECTORS 1
-#define PIXELS 12
-#include "conv_int_tile.h"
-
-#define TILE pixel_1
-#define VECTORS 1
-#define PIXELS 1
-#include "conv_int_tile.h"
-
-static const tile_shape shapes[] = {
-    {tile_4, 4, 6}, {tile_3, 3, 8}, {tile_2, 2, 12}, {tile_1, 1, 12}, {pixel_1, 1, 1}};
+#define TEMPLATE "conv_int_tile.h"
+#define SHAPES shapes
+#define SHAPE(vectors) tile_##vectors
+#include "shapes_512.h"
 
 #if SMALL_SUMS
 #undef IS_SMALL
 #define IS_SMALL 1
-#define TILE small_4
-#define VECTORS 4
-#define PIXELS 6
-#include "conv_int_tile.h"
-
-#define TILE small_3
-#define VECTORS 3
-#define PIXELS 8
-#include "conv_int_tile.h"
-
-#define TILE small_2
-#define VECTORS 2
-#define PIXELS 12
-#include "conv_int_tile.h"
-
-#define TILE small_1
-#define VECTORS 1
-#define PIXELS 12
-#include "conv_int_tile.h"
-
-static const tile_shape small_shapes[] = {
-    {small_4, 4, 6}, {small_3, 3, 8}, {small_2, 2, 12}, {small_1, 1, 12}, {pixel_1, 1, 1}};
+#define TEMPLATE "conv_int_tile.h"
+#define SHAPES small_shapes
+#define SHAPE(vectors) small_##vectors
+#include "shapes_512.h"
 
 #if SLIDE_VECTORS > 1
 /* 1 if pixels share columns in all segments: then tiles of two vectors, which read each column

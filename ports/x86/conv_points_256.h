@@ -26,21 +26,11 @@ LULL_INLINE void store(void *out, vec sum, unsigned n)
                                sum);
 }
 
-#define TILE tile_2
-#define VECTORS 2
-#define PIXELS 6
-#include "conv_points_tile.h"
-
-#define TILE tile_1
-#define VECTORS 1
-#define PIXELS 12
-#include "conv_points_tile.h"
-
-#define TILE pixel_1
-#define VECTORS 1
-#define PIXELS 1
-#include "conv_points_tile.h"
-
-static const tile_shape shapes[] = {{tile_2, 2, 6}, {tile_1, 1, 12}, {pixel_1, 1, 1}};
+#define TEMPLATE "conv_points_tile.h"
+#define SHAPES shapes
+#define SHAPE(vectors) tile_##vectors
+#define TILE_2 6
+#define TILE_1 12
+#include "shapes_256.h"
 
 void POINTS(const lull_conv *conv) { run_tiles(conv, shapes, LANES, 0); }

@@ -23,32 +23,9 @@ LULL_INLINE void store(void *out, vec sum, unsigned n)
         _mm512_mask_storeu_ps(out, (__mmask16)((1u << n) - 1), _mm512_castsi512_ps(sum));
 }
 
-#define TILE tile_4
-#define VECTORS 4
-#define PIXELS 6
-#include "conv_points_tile.h"
-
-#define TILE tile_3
-#define VECTORS 3
-#define PIXELS 8
-#include "conv_points_tile.h"
-
-#define TILE tile_2
-#define VECTORS 2
-#define PIXELS 12
-#include "conv_points_tile.h"
-
-#define TILE tile_1
-#define VECTORS 1
-#define PIXELS 12
-#include "conv_points_tile.h"
-
-#define TILE pixel_1
-#define VECTORS 1
-#define PIXELS 1
-#include "conv_points_tile.h"
-
-static const tile_shape shapes[] = {
-    {tile_4, 4, 6}, {tile_3, 3, 8}, {tile_2, 2, 12}, {tile_1, 1, 12}, {pixel_1, 1, 1}};
+#define TEMPLATE "conv_points_tile.h"
+#define SHAPES shapes
+#define SHAPE(vectors) tile_##vectors
+#include "shapes_512.h"
 
 void POINTS(const lull_conv *conv) { run_tiles(conv, shapes, LANES, 0); }

@@ -9,7 +9,9 @@ import pytest
 
 from tests.rules.sources import files_of, name_of
 
-INCLUDE = re.compile(r'^[ \t]*#[ \t]*include[ \t]*(["<])([^">]+)[">]', re.MULTILINE)
+# A file that a template's user names by #define TEMPLATE counts as included there.
+INCLUDE = re.compile(r'^[ \t]*#[ \t]*(?:include|define[ \t]+TEMPLATE)[ \t]*(["<])([^">]+)[">]',
+                     re.MULTILINE)
 
 # What a module of lib/ (its .c and .h) may include beside its own header, base.h and lull.h.
 LIB = {
@@ -83,6 +85,15 @@ def test_ports_include_kernels_and_their_own_folder():
                 wrong.append(f"{name_of(path)} includes {name}")
             elif not quoted and name not in LIBC | INTRINSICS:
                 wrong.append(f"{name_of(path)} includes <{name}>")
+    assert not wrong, "\n".join(wrong)
+
+
+def test_includes_have_names():
+    """Those by way of a macro are seen by the other tests where TEMPLATE is defined, only."""
+    computed = re.compile(r'^[ \t]*#[ \t]*include[ \t]+([^"< \t\n].*)$', re.MULTILINE)
+    wrong = [f"{name_of(path)} includes {what}" for folder in ("lib", "ports", "oidn", "apps")
+             for path in all_of(folder) for what in computed.findall(path.read_text())
+             if what != "TEMPLATE"]
     assert not wrong, "\n".join(wrong)
 
 

@@ -1,0 +1,23 @@
+/* The shapes of tiles of 256-bit vectors: two vectors by TILE_2 pixels, or one by TILE_1. Included
+ * once, with TEMPLATE, SHAPES and SHAPE as for shapes_512.h. */
+
+#define TILE SHAPE(2)
+#define VECTORS 2
+#define PIXELS TILE_2
+#include TEMPLATE
+
+#define TILE SHAPE(1)
+#define VECTORS 1
+#define PIXELS TILE_1
+#include TEMPLATE
+
+#define TILE pixel_1
+#define VECTORS 1
+#define PIXELS 1
+#include TEMPLATE
+
+static const tile_shape SHAPES[] = {{SHAPE(2), 2, TILE_2}, {SHAPE(1), 1, TILE_1}, {pixel_1, 1, 1}};
+
+#undef TEMPLATE
+#undef SHAPES
+#undef SHAPE
