@@ -10,6 +10,7 @@
 
 #define ROWS 12u   /* pixels of a tile */
 #define DWORDS 16u /* of runs, at most */
+#define SHORT 8u   /* dwords of sums that are left to vectors */
 
 /* Tiles: sums 0 to 3; of runs 4 with weights 5, and, for segments cut into pieces of another
  * length, 6 with 7. */
@@ -75,12 +76,15 @@ static void describe(amx_conv *a, const lull_conv *conv)
         config.bytes[t] = (uint16_t)(t < 4 || is_weights ? 64 : 4 * dwords);
         config.rows[t] = (uint8_t)(is_weights ? dwords : a->rows);
     }
+#if LULL_X86_ASM /* gcc's intrinsic names the first 8 bytes only, so others might not be there */
+    __asm__ volatile("" : : "r"(&config) : "memory");
+#endif
     _tile_loadconfig(&config);
 }
 
-/* One piece after the other of a part: narrow ones of two tiles of pixels, from x and from y on;
- * wide ones, the high bytes into tile 0 and the low bytes into tile 1, or of two tiles, also into 2
- * and 3. */
+/* One piece after the other of a part: narrow ones of two tiles of pixels, from x and from y on, or
+ * of four; wide ones, the high bytes into tile 0 and the low bytes into tile 1, or of two tiles,
+ * also into 2 and 3. */
 #define NARROW(X, W, SUM0, SUM1)                                                                   \
     for (unsigned k = part->pieces; k; k--, x += bytes, y += bytes, w += 16 * bytes) {             \
         _tile_loadd(W, w, 64);                                                                     \
@@ -88,6 +92,19 @@ static void describe(amx_conv *a, const lull_conv *conv)
         _tile_dpbusd(SUM0, X, W);                                                                  \
         _tile_loadd(X, y, part->step);                                                             \
         _tile_dpbusd(SUM1, X, W);                                                                  \
+    }
+#define NARROW_FOUR(X, W)                                                                          \
+    for (unsigned k = part->pieces; k; k--, w += 16 * bytes) {                                     \
+        _tile_loadd(W, w, 64);                                                                     \
+        _tile_loadd(X, x, part->step);                                                             \
+        _tile_dpbusd(0, X, W);                                                                     \
+        _tile_loadd(X, y, part->step);                                                             \
+        _tile_dpbusd(1, X, W);                                                                     \
+        _tile_loadd(X, z, part->step);                                                             \
+        _tile_dpbusd(2, X, W);                                                                     \
+        _tile_loadd(X, t, part->step);                                                             \
+        _tile_dpbusd(3, X, W);                                                                     \
+        x += bytes, y += bytes, z += bytes, t += bytes;                                            \
     }
 #define WIDE(X, W)                                                                                 \
     for (unsigned k = part->pieces; k; k--, x += bytes, w += 16 * bytes) {                         \
@@ -110,26 +127,42 @@ static void describe(amx_conv *a, const lull_conv *conv)
         _tile_dpbusd(1, X, W);                                                                     \
     }
 
-/* The sums of a group of outputs at the pixels from p and from q on, in two tiles. */
-#define MULTIPLY_NARROW(name, SUM0, SUM1)                                                          \
-    static void name(const amx_part *part, const amx_part *end, const int32_t *bias,               \
-                     unsigned group, unsigned p, unsigned q)                                       \
-    {                                                                                              \
-        _tile_loadd(SUM0, bias, 0);                                                                \
-        _tile_loadd(SUM1, bias, 0);                                                                \
-        for (; part < end; part++) {                                                               \
-            const uint8_t *x = part->x + p * part->step, *y = part->x + q * part->step;            \
-            const uint8_t *w = part->w + group * part->block;                                      \
-            size_t bytes = 4 * (size_t)part->dwords;                                               \
-            if (part->is_other)                                                                    \
-                NARROW(6, 7, SUM0, SUM1)                                                           \
-            else                                                                                   \
-                NARROW(4, 5, SUM0, SUM1)                                                           \
-        }                                                                                          \
+/* The sums of a group of outputs at the pixels from p and from q on, in tiles 2 and 3. */
+static LULL_NOINLINE void multiply_two(const amx_conv *a, const int32_t *bias, unsigned group,
+                                       unsigned p, unsigned q)
+{
+    _tile_loadd(2, bias, 0);
+    _tile_loadd(3, bias, 0);
+    for (const amx_part *part = a->narrow; part < a->end; part++) {
+        const uint8_t *x = part->x + p * part->step, *y = part->x + q * part->step;
+        const uint8_t *w = part->w + group * part->block;
+        size_t bytes = 4 * (size_t)part->dwords;
+        if (part->is_other)
+            NARROW(6, 7, 2, 3)
+        else
+            NARROW(4, 5, 2, 3)
     }
+}
 
-MULTIPLY_NARROW(multiply_even, 0, 1)
-MULTIPLY_NARROW(multiply_odd, 2, 3)
+/* The same at the pixels at[0] to at[3], in tiles 0 to 3. */
+static LULL_NOINLINE void multiply_four(const amx_conv *a, const int32_t *bias, unsigned group,
+                                        const unsigned *at)
+{
+    _tile_loadd(0, bias, 0);
+    _tile_loadd(1, bias, 0);
+    _tile_loadd(2, bias, 0);
+    _tile_loadd(3, bias, 0);
+    for (const amx_part *part = a->narrow; part < a->end; part++) {
+        const uint8_t *x = part->x + at[0] * part->step, *y = part->x + at[1] * part->step;
+        const uint8_t *z = part->x + at[2] * part->step, *t = part->x + at[3] * part->step;
+        const uint8_t *w = part->w + group * part->block;
+        size_t bytes = 4 * (size_t)part->dwords;
+        if (part->is_other)
+            NARROW_FOUR(6, 7)
+        else
+            NARROW_FOUR(4, 5)
+    }
+}
 
 /* The sums of the wide parts of a group, of high bytes and of low ones. */
 static void multiply_wide(const amx_conv *a, unsigned group, unsigned p)
@@ -218,14 +251,6 @@ LULL_INLINE void finish_rows(finish *f, const tile_row *row, const amx_sums *sum
         finish_as(f, row, sums, p, rows, 0);
 }
 
-static void finish_narrow(finish *f, const tile_row *row, unsigned tile, unsigned p, unsigned rows)
-{
-    int32_t buffer[LANES * ROWS];
-    amx_sums sums = {buffer, NULL, NULL, zero(), zero(), 0};
-    store_tile(buffer, tile);
-    finish_rows(f, row, &sums, p, rows);
-}
-
 /* The rest of finish_wide: each buffer is in a function of its own. */
 static LULL_NOINLINE void finish_high(finish *f, const tile_row *row, const int32_t *narrow,
                                       const int32_t *low, unsigned tile, unsigned p, unsigned rows)
@@ -254,25 +279,66 @@ static void finish_mixed(finish *f, const tile_row *row, unsigned tile, unsigned
     finish_wide(f, row, narrow, 0, p, rows);
 }
 
-/* The pixels of a group of outputs, where all parts are narrow: two tiles at a time, in turn with
- * the other two. */
+/* A group of outputs: what run_narrow needs, with buffers for the sums of FOUR tiles. */
+#define FOUR 4u
+typedef struct amx_run {
+    const amx_conv *conv;
+    const tile_row *row;
+    finish *f;
+    int32_t *sums[FOUR];
+    unsigned buffers;
+} amx_run;
+
+/* The pixels of a group of outputs, where all parts are narrow: up to four tiles at a time. Their
+ * sums are finished while the next ones are multiplied. */
+static void run_narrow_in(const amx_run *run)
+{
+    const amx_conv *a = run->conv;
+    const lull_conv *conv = run->row->conv;
+    const int32_t *bias = (const int32_t *)conv->bias + run->row->first;
+    unsigned group = run->row->first / LANES, last = conv->pixels - a->rows;
+    unsigned at[FOUR], before[FOUR], first = FOUR; /* tiles in use: from `first` on */
+    for (unsigned p = 0;; p += FOUR * a->rows) {
+        unsigned was = first;
+        for (unsigned i = 0; i < FOUR; i++)
+            before[i] = at[i];
+        first = p >= conv->pixels ? FOUR : conv->pixels - p > 2 * a->rows ? 0 : 2;
+        for (unsigned i = first; i < FOUR; i++)
+            at[i] = lull_min_u(p + (i - first) * a->rows, last);
+        if (first == 0)
+            multiply_four(a, bias, group, at);
+        else if (first == 2)
+            multiply_two(a, bias, group, at[2], at[3]);
+        for (unsigned i = was; i < FOUR; i++) {
+            amx_sums sums = {run->sums[i], NULL, NULL, zero(), zero(), 0};
+            finish_rows(run->f, run->row, &sums, before[i], a->rows);
+        }
+        if (first == FOUR)
+            return;
+        for (unsigned i = first; i < FOUR; i++)
+            store_tile(run->sums[i], i);
+    }
+}
+
+/* Adds a buffer, then the others: each is in a frame of its own. */
+static LULL_NOINLINE void run_with_buffers(amx_run *run)
+{
+    int32_t buffer[LANES * ROWS];
+    run->sums[run->buffers++] = buffer;
+    if (run->buffers < FOUR)
+        run_with_buffers(run);
+    else
+        run_narrow_in(run);
+}
+
 static void run_narrow(const amx_conv *a, const tile_row *row, finish *f)
 {
-    const lull_conv *conv = row->conv;
-    const int32_t *bias = (const int32_t *)conv->bias + row->first;
-    unsigned group = row->first / LANES, last = conv->pixels - a->rows, set = 0, p = 0, q = 0;
-    for (unsigned at = 0; at < conv->pixels; at += 2 * a->rows, set ^= 2) {
-        unsigned before_p = p, before_q = q;
-        p = lull_min_u(at, last);
-        q = lull_min_u(at + a->rows, last);
-        (set ? multiply_odd : multiply_even)(a->narrow, a->end, bias, group, p, q);
-        if (at) {
-            finish_narrow(f, row, set ^ 2, before_p, a->rows);
-            finish_narrow(f, row, (set ^ 2) + 1, before_q, a->rows);
-        }
-    }
-    finish_narrow(f, row, set ^ 2, p, a->rows);
-    finish_narrow(f, row, (set ^ 2) + 1, q, a->rows);
+    amx_run run;
+    run.conv = a;
+    run.row = row;
+    run.f = f;
+    run.buffers = 0;
+    run_with_buffers(&run);
 }
 
 /* The same where all are wide. */
@@ -294,7 +360,7 @@ static void run_mixed(const amx_conv *a, const tile_row *row, finish *f)
     unsigned group = row->first / LANES, last = row->conv->pixels - a->rows;
     for (unsigned at = 0; at < row->conv->pixels; at += 2 * a->rows) {
         unsigned p = lull_min_u(at, last), q = lull_min_u(at + a->rows, last);
-        multiply_odd(a->narrow, a->end, bias, group, p, q);
+        multiply_two(a, bias, group, p, q);
         multiply_wide(a, group, p);
         finish_mixed(f, row, 2, p, a->rows);
         multiply_wide(a, group, q);
@@ -310,10 +376,24 @@ static LULL_NOINLINE void run_group(const amx_conv *a, const tile_row *row)
     (!conv->wide ? run_narrow : conv->wide == conv->segments ? run_wide : run_mixed)(a, row, &f);
 }
 
+/* 1 if the sums have so few products that vectors are faster: tiles take their time to be loaded
+ * and stored. */
+static int is_short(const lull_conv *conv)
+{
+    unsigned dwords = 0;
+    for (unsigned s = 0; s < conv->segments; s++)
+        dwords += conv->segment[s].length;
+    return !conv->wide && dwords < SHORT;
+}
+
 void lull_conv_int_amx(const lull_conv *conv)
 {
     amx_conv a;
     tile_row row;
+    if (is_short(conv)) {
+        lull_conv_int_short_amx(conv);
+        return;
+    }
     row.conv = conv;
     describe(&a, conv);
     for (row.first = 0; row.first < conv->outputs; row.first += LANES) {

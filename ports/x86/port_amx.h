@@ -16,5 +16,6 @@
 #endif
 
 void lull_conv_int_amx(const lull_conv *conv);
+void lull_conv_int_short_amx(const lull_conv *conv); /* without tiles; weights of narrow parts */
 
 #endif
