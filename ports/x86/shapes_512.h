@@ -1,5 +1,5 @@
-/* The shapes of tiles of 512-bit vectors: 24 sums, or 12 of one vector. Included once for each list,
- * with TEMPLATE (the file of a tile's function), SHAPES (the list's name) and SHAPE(vectors)
+/* The shapes of tiles of 512-bit vectors: 24 sums, or 12 of one vector. Included once for each
+ * list, with TEMPLATE (the file of a tile's function), SHAPES (the list's name) and SHAPE(vectors)
  * (those of its functions) defined; they are undefined at the end. Lists end with pixel_1, which
  * the first of a file makes. */
 
