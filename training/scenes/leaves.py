@@ -205,11 +205,12 @@ class Stage:
         mirror = np.where(metal[number][..., None], albedo, shine[number][..., None])
         self.rough = int(rng.integers(0, 10) * SIDE * (rng.random() < 0.7))
         matt = np.where(metal[number][..., None], 0, albedo)
-        emits = (rng.random(n) < rng.choice([0, 0.01, 0.05])) * np.exp(rng.normal(1, 1.3, n))
+        emits = (rng.random(n) < rng.choice([0, 0.01, 0.1])) * np.exp(rng.normal(1.5, 1.5, n))
         emission = emits[number][..., None] * (1 - rng.uniform(0, 0.7, (n, 3)) ** 2)[number]
         lit = (emission.max(-1) > 0)[..., None]
         matt, mirror = matt * ~lit, mirror * ~lit
-        aux = np.where(lit, np.clip(emission, 0, 1) if rng.random() < 0.5 else 1.0, albedo)
+        of_lamps = (np.clip(emission, 0, 1), 1.0, 0.0)[rng.integers(3)]
+        aux = np.where(lit, of_lamps, albedo)
         if rng.random() < 0.3:  # behind all: a sky
             sky = (number == 0)[..., None]
             matt, mirror, normal = matt * ~sky, mirror * ~sky, normal * ~sky
