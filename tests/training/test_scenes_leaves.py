@@ -57,6 +57,18 @@ def test_pictures_differ_and_repeat(tmp_path, capsys):
     assert capsys.readouterr().out == "0 pictures to draw, 3 finished before\n"
 
 
+def test_lamps_are_bright_and_black_to_the_albedo(tmp_path):
+    def black_and_bright(*more):
+        draw(tmp_path / f"a{len(more)}", "--seeds", "0:6", *more)
+        found = 0
+        for folder in (tmp_path / f"a{len(more)}").iterdir():
+            light, albedo = (read_image(folder / f"{folder.name}_4096spp.{kind}.exr")
+                             for kind in ("hdr", "alb"))
+            found += ((albedo.max(-1) < 1e-3) & (light.max(-1) > 4 * np.median(light))).sum()
+        return found
+    assert black_and_bright("--lamps") > 20 + black_and_bright()
+
+
 @pytest.mark.parametrize("more, what", [(["--size", "8"], "--size"), (["--spp", "x"], "--spp"),
                                         (["--bits", "1,1"], "--bits"),
                                         (["--pick", "-1"], "--pick")])

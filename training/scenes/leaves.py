@@ -36,6 +36,8 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--size", default="144", help="pixels: 144 or 320x208 (width x height)")
     p.add_argument("--spp", default="1,2,4,8,16,32,64", help="sample counts of the noisy images")
     p.add_argument("--pick", type=int, default=3, help="how many of them a picture gets; 0: all")
+    p.add_argument("--lamps", action="store_true",
+                   help="many bright lamps, most of them black to the albedo")
     p.add_argument("--shard", default="0/1", metavar="i/n",
                    help="the i-th of n shares of the seeds, i from 0")
     p.add_argument("--bits", default="10,10", metavar="N,T",
@@ -169,7 +171,7 @@ class Stage:
     """What the points of a picture send to the camera; `values` [points, columns] in the order of
     COLUMNS, the rest is common to all points."""
 
-    def __init__(self, h: int, w: int, rng: np.random.Generator):
+    def __init__(self, h: int, w: int, rng: np.random.Generator, lamps: bool = False):
         self.h, self.w = h * SIDE, w * SIDE
         h, w = self.h, self.w
         count = int(np.exp(rng.uniform(np.log(8), np.log(300))))
@@ -205,11 +207,13 @@ class Stage:
         mirror = np.where(metal[number][..., None], albedo, shine[number][..., None])
         self.rough = int(rng.integers(0, 10) * SIDE * (rng.random() < 0.7))
         matt = np.where(metal[number][..., None], 0, albedo)
-        emits = (rng.random(n) < rng.choice([0, 0.01, 0.1])) * np.exp(rng.normal(1.5, 1.5, n))
+        drawn, shares = rng.random(n), [0.04, 0.1, 0.2] if lamps else [0, 0.01, 0.1]
+        emits = (drawn < rng.choice(shares)) * np.exp(
+            rng.normal(*((2.2, 1.2) if lamps else (1.5, 1.5)), n))
         emission = emits[number][..., None] * (1 - rng.uniform(0, 0.7, (n, 3)) ** 2)[number]
         lit = (emission.max(-1) > 0)[..., None]
         matt, mirror = matt * ~lit, mirror * ~lit
-        of_lamps = (np.clip(emission, 0, 1), 1.0, 0.0)[rng.integers(3)]
+        of_lamps = (np.clip(emission, 0, 1), 0.0 if lamps else 1.0, 0.0)[rng.integers(3)]
         aux = np.where(lit, of_lamps, albedo)
         if rng.random() < 0.3:  # behind all: a sky
             sky = (number == 0)[..., None]
@@ -269,7 +273,7 @@ def draw_seed(seed: int, args: argparse.Namespace) -> dict:
     start, name = time.process_time(), f"l{seed:05d}"
     rng = np.random.default_rng([seed, 7])
     width, height = size_pair(args.size)
-    stage = Stage(height, width, rng)
+    stage = Stage(height, width, rng, args.lamps)
     counts = count_list(args.spp, "--spp")
     if args.pick:
         counts = sorted(rng.choice(counts, min(args.pick, len(counts)), replace=False).tolist())
