@@ -10,38 +10,26 @@ under 4096 samples, and manifest.json. Finished pictures are skipped.
 from __future__ import annotations
 
 import argparse
-import os
 import time
 
 import numpy as np
 
 from training import errors
 from training.augment import waves
-from training.errors import OUTPUT, USAGE, ToolError
 
-from . import picture, textures
-from .options import bit_pair, count_list, seed_list, shard, size_pair
+from . import options, picture, textures
+from .files import HALF_MAX
+from .options import bit_pair, count_list, size_pair
 
 SIDE = 3               # points of a pixel: SIDE x SIDE
 TARGET = 4096          # samples that the target stands for
 BITMAPS, TEXELS = 5, 128
-LARGEST = 65504.0
 
 
 def parser() -> argparse.ArgumentParser:
-    p = argparse.ArgumentParser(prog="training.scenes.leaves", description=__doc__,
-                                formatter_class=argparse.RawDescriptionHelpFormatter)
-    p.add_argument("out", metavar="OUT", help="folder of the data set; made if missing")
-    p.add_argument("--seeds", default="0:100", help="0:100 (end excluded), 7, or 1,5,9:12")
-    p.add_argument("--size", default="144", help="pixels: 144 or 320x208 (width x height)")
-    p.add_argument("--spp", default="1,2,4,8,16,32,64", help="sample counts of the noisy images")
-    p.add_argument("--pick", type=int, default=3, help="how many of them a picture gets; 0: all")
+    p = options.parser("training.scenes.leaves", __doc__, 144, "1,2,4,8,16,32,64", 3)
     p.add_argument("--lamps", action="store_true",
                    help="many bright lamps, most of them black to the albedo")
-    p.add_argument("--shard", default="0/1", metavar="i/n",
-                   help="the i-th of n shares of the seeds, i from 0")
-    p.add_argument("--bits", default="10,10", metavar="N,T",
-                   help="mantissa bits kept in noisy files and targets")
     return p
 
 
@@ -289,7 +277,7 @@ def draw_seed(seed: int, args: argparse.Namespace) -> dict:
     with picture.folder(args.out, name) as folder:
         for spp, image, which in versions():
             image = image * np.repeat([gain, 1.0], [3, 6])
-            image[..., :3] = image[..., :3].clip(0, LARGEST)
+            image[..., :3] = image[..., :3].clip(0, HALF_MAX)
             picture.write_level(folder, name, spp, image.astype(np.float32),
                                 bit_pair(args.bits)[which])
     manifest = {"seed": seed, "size": [width, height], "noisy": counts, "target": TARGET,
@@ -300,18 +288,9 @@ def draw_seed(seed: int, args: argparse.Namespace) -> dict:
 
 def run(args: argparse.Namespace) -> None:
     """Draws the seeds of this shard."""
-    seeds = shard(seed_list(args.seeds), args.shard)
-    bit_pair(args.bits)
-    count_list(args.spp, "--spp")
-    if min(size_pair(args.size)) < 16 or args.pick < 0:
-        raise ToolError("--size must be at least 16, --pick at least 0", USAGE)
-    try:
-        os.makedirs(args.out, exist_ok=True)
-    except OSError as err:
-        raise ToolError(f"{args.out}: {err.strerror}", OUTPUT) from None
-    todo = [s for s in seeds
-            if not os.path.exists(os.path.join(args.out, f"l{s:05d}", "manifest.json"))]
-    print(f"{len(todo)} pictures to draw, {len(seeds) - len(todo)} finished before", flush=True)
+    seeds = options.check(args, 16)
+    options.make_folder(args.out)
+    todo = options.unfinished(args.out, seeds, "l", "pictures to draw")
     for k, seed in enumerate(todo):
         m = draw_seed(seed, args)
         print(f"{k + 1}/{len(todo)} l{seed:05d} {m['noisy']} spp, {m['cpu_seconds']} s",

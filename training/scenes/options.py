@@ -1,8 +1,60 @@
-"""Parsing of command-line values that the scene commands share."""
+"""Command-line options that the scene commands share, and their values."""
 
 from __future__ import annotations
 
-from training.errors import USAGE, ToolError
+import argparse
+import os
+
+from training.errors import OUTPUT, USAGE, ToolError
+
+
+def parser(module: str, description: str, size: int, spp: str, pick: int
+           ) -> argparse.ArgumentParser:
+    """A parser of OUT and of what every maker of pictures takes; size, spp, pick: defaults."""
+    p = argparse.ArgumentParser(prog=module, description=description,
+                                formatter_class=argparse.RawDescriptionHelpFormatter)
+    p.add_argument("out", metavar="OUT", help="folder of the data set; made if missing")
+    p.add_argument("--seeds", default="0:100", help="0:500 (end excluded), 7, or 3,7,20:40")
+    p.add_argument("--size", default=str(size), help="pixels: 256 or 320x208 (width x height)")
+    p.add_argument("--spp", default=spp, help="sample counts of the noisy images")
+    p.add_argument("--pick", type=int, default=pick, metavar="N",
+                   help="how many of the counts a picture gets, drawn per seed (0 = all)")
+    p.add_argument("--shard", default="0/1", metavar="i/n",
+                   help="the i-th of n shares of the seeds, i from 0")
+    p.add_argument("--bits", default="10,10", metavar="N,T",
+                   help="mantissa bits kept in noisy files and targets (fewer = smaller files)")
+    return p
+
+
+def check(args: argparse.Namespace, least: int = 8) -> list[int]:
+    """Seeds of this shard; raises ToolError where a common option is wrong or OUT cannot be made.
+
+    least: of width and height.
+    """
+    seeds = shard(seed_list(args.seeds), args.shard)
+    bit_pair(args.bits)
+    count_list(args.spp, "--spp")
+    if min(size_pair(args.size)) < least:
+        raise ToolError(f"--size must be at least {least}", USAGE)
+    if args.pick < 0:
+        raise ToolError("--pick must be at least 0", USAGE)
+    return seeds
+
+
+def make_folder(out: str) -> None:
+    """OUT, made if missing."""
+    try:
+        os.makedirs(out, exist_ok=True)
+    except OSError as err:
+        raise ToolError(f"{out}: {err.strerror}", OUTPUT) from None
+
+
+def unfinished(out: str, seeds: list[int], letter: str, noun: str) -> list[int]:
+    """Those of the seeds whose group (letter and number) OUT does not hold; says how many."""
+    todo = [s for s in seeds
+            if not os.path.exists(os.path.join(out, f"{letter}{s:05d}", "manifest.json"))]
+    print(f"{len(todo)} {noun}, {len(seeds) - len(todo)} finished before", flush=True)
+    return todo
 
 
 def seed_list(text: str) -> list[int]:

@@ -19,9 +19,9 @@ from training import errors
 from training.errors import DATA, OUTPUT, STATE, USAGE, ToolError
 from training.imageio import replacing
 
-from . import backend
+from . import backend, options
 from .files import tonemap
-from .options import bit_pair, count_list, seed_list, shard, size_pair
+from .options import bit_pair, count_list, size_pair
 
 ATTEMPTS = 8
 PILOT = 4          # samples of each of two pilot renders
@@ -30,23 +30,12 @@ HOPELESS = 0.40    # noise of a pilot render beyond which another scene is made 
 
 
 def parser() -> argparse.ArgumentParser:
-    p = argparse.ArgumentParser(prog="training.scenes.render", description=__doc__,
-                                formatter_class=argparse.RawDescriptionHelpFormatter)
-    p.add_argument("out", metavar="OUT", help="folder of the data set; made if missing")
-    p.add_argument("--seeds", default="0:100", help="scenes, e.g. 0:500 or 3,7,20:40")
-    p.add_argument("--size", default="256", help="pixels: 256 or 320x208 (width x height)")
-    p.add_argument("--spp", default="1,2,4,8,16,32", help="sample counts of the noisy images")
-    p.add_argument("--pick", type=int, default=0, metavar="N",
-                   help="render N of the counts, drawn per seed, few samples more often (0 = all)")
+    p = options.parser("training.scenes.render", __doc__, 256, "1,2,4,8,16,32", 0)
     p.add_argument("--ref", default="1024", help="samples of the target; of several counts "
                    "(128,512) each scene gets the least that leaves little noise")
-    p.add_argument("--shard", default="0/1", metavar="i/n",
-                   help="the i-th of n shares of the seeds, i from 0")
     p.add_argument("--variant", default="llvm_ad_rgb", choices=backend.VARIANTS)
     p.add_argument("--threads", type=int, default=0, help="CPU threads, 0 = all cores")
     p.add_argument("--assets", metavar="DIR", help="own meshes, pictures and environments to use")
-    p.add_argument("--bits", default="10,10", metavar="N,T",
-                   help="mantissa bits kept in noisy files and targets (fewer = smaller files)")
     p.add_argument("--plain", action="store_true",
                    help="box filter, independent sampler and no fog everywhere")
     p.add_argument("--windows", type=float, default=0.0, metavar="P",
@@ -153,23 +142,19 @@ def _same_options(out: str, args: argparse.Namespace) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Renders the seeds of this shard."""
-    seeds = shard(seed_list(args.seeds), args.shard)
-    bit_pair(args.bits)
+    seeds = options.check(args)
     if count_list(args.spp, "--spp")[0] >= count_list(args.ref, "--ref", 2)[0]:
         raise ToolError("--ref: the target needs more samples than the least of --spp", USAGE)
-    size_pair(args.size)
-    if args.pick < 0 or args.threads < 0:
-        raise ToolError("--pick and --threads must be >= 0", USAGE)
+    if args.threads < 0:
+        raise ToolError("--threads must be at least 0", USAGE)
     if not (0 <= args.windows <= 1 and 0 <= args.unaimed <= 1):
         raise ToolError("--windows and --unaimed are shares: 0 to 1", USAGE)
+    options.make_folder(args.out)
     try:
-        os.makedirs(args.out, exist_ok=True)
         _same_options(args.out, args)
     except OSError as err:
         raise ToolError(f"{args.out}: {err.strerror}", OUTPUT) from None
-    todo = [s for s in seeds
-            if not os.path.exists(os.path.join(args.out, f"s{s:05d}", "manifest.json"))]
-    print(f"{len(todo)} scenes to render, {len(seeds) - len(todo)} finished before", flush=True)
+    todo = options.unfinished(args.out, seeds, "s", "scenes to render")
     if not todo:
         return
     mi = backend.load(args.variant, args.threads)
