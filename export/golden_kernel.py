@@ -52,8 +52,10 @@ def pictures(seed: int) -> dict[str, np.ndarray]:
     color = np.exp(rng.normal(-1, 1.5, (HEIGHT, WIDTH, 3))).astype(np.float32)
     color[3, 4], color[20, 9], color[11, 30] = np.nan, np.inf, -1
     color[30, 40] = 1e7
+    albedo = rng.random((HEIGHT, WIDTH, 3), np.float32) * np.float32(1.1)
+    albedo[:5, 40:43], albedo[7, 3:5], albedo[8, 3:7, 1:] = 0, (-1, np.nan, 1e-39), 0
     return {"color": color,
-            "albedo": rng.random((HEIGHT, WIDTH, 3), np.float32) * np.float32(1.1),
+            "albedo": albedo,
             "normal": (rng.random((HEIGHT, WIDTH, 3), np.float32) * 2 - 1).astype(np.float32)}
 
 

@@ -204,6 +204,11 @@ def apply_filter(heads: list[np.ndarray], radiance: np.ndarray,
     return out * smooth
 
 
+def without_black(albedo: np.ndarray) -> np.ndarray:
+    """Sanitised albedo [H,W,3] with 1 where all channels are 0."""
+    return np.where((albedo > 0).any(-1, keepdims=True), albedo, F(1))
+
+
 def run_frame(model: IntTrunk, frame: pixels.Frame, channels: int = 3) -> np.ndarray:
     """A whole image through a K model, [H,W,channels]."""
     rule, images = frame.rule(), dict(frame.images)
@@ -218,7 +223,7 @@ def run_frame(model: IntTrunk, frame: pixels.Frame, channels: int = 3) -> np.nda
         if f in images and f != main:
             v = pixels.sanitize(pixels.three_channels(images[f]), 1.0,
                                 -1.0 if f == "normal" else 0.0, 1.0)
-            aux[f] = v
+            aux[f] = without_black(v) if f == "albedo" else v
     codes = encode(r, aux["albedo"], aux["normal"], not rule.is_hdr)
     h, w, _ = r.shape
     codes = np.pad(codes, ((0, -h % ALIGN), (0, -w % ALIGN), (0, 0)))

@@ -27,7 +27,8 @@ FEATURES = ("hdr", "ldr", "alb", "nrm")  # that the family knows
 
 def planes(codes: np.ndarray, features: list[str], has_albedo: bool = True,
            has_normal: bool = True, clipped: bool = False) -> np.ndarray:
-    """Codes [H,W,C] of the features, radiance first -> [H,W,12]; what is absent is 0.
+    """Codes [H,W,C] of the features, radiance first -> [H,W,12]; what is absent is 0, and black
+    albedo is white.
 
     clipped: the radiance ends at 1 (always so for `ldr`).
     """
@@ -38,6 +39,8 @@ def planes(codes: np.ndarray, features: list[str], has_albedo: bool = True,
             k = 3 * features.index(feature)
             out[..., at:at + 3] = codes[..., k:k + 3]
             out[..., flag] = 1
+    if out[..., 9].any():  # black counts as white
+        out[..., 3:6][~(out[..., 3:6] > 0).any(-1)] = 1
     out[..., 11] = clipped or "ldr" in features
     return out
 
