@@ -18,7 +18,8 @@ STEP = 16.0                       # codes per unit of a logit
 CONFIDENCE, BLEND = -255.0 / STEP, -8.0  # added to these logits
 PARTS = [TAPS, 1, 1]              # channels of a head: logits, confidence, blend;
 FULL_PARTS = [*PARTS, TAPS]       # at full resolution also the logits of the albedo's kernel
-CONSTANTS = [STEP, EPS, RADIANCE_MAX, CONFIDENCE, BLEND]
+LEAST_SLOPE = 0.03                # of a blend weight by its logit, in gradients
+CONSTANTS = [STEP, EPS, RADIANCE_MAX, CONFIDENCE, BLEND, LEAST_SLOPE]
 
 
 class Round(torch.autograd.Function):
@@ -49,6 +50,22 @@ class Clamp(torch.autograd.Function):
         low, high = ctx.range
         away = ((x < low) & (g > 0)) | ((x > high) & (g < 0))
         return g.masked_fill(away, 0.0), None, None
+
+
+class Blend(torch.autograd.Function):
+    """Logistic function whose gradient is that of a slope of at least LEAST_SLOPE: at the ends of
+    its range, where levels begin that have not learnt yet, there is none to come back by."""
+
+    @staticmethod
+    def forward(ctx, x: Tensor) -> Tensor:
+        beta = torch.sigmoid(x)
+        ctx.save_for_backward(beta)
+        return beta
+
+    @staticmethod
+    def backward(ctx, g: Tensor) -> Tensor:
+        beta, = ctx.saved_tensors
+        return g * (beta * (1 - beta)).clamp(min=LEAST_SLOPE)
 
 
 class Fused(torch.autograd.Function):
@@ -111,7 +128,7 @@ def plain(heads: list[Tensor], radiance: Tensor, albedo: Tensor, has_albedo: Ten
             i = pooled[:, 1:] / pooled[:, :1]
     out = filtered[-1]
     for level in range(LEVELS - 2, -1, -1):
-        beta = torch.sigmoid(parts[level][2] + BLEND)
+        beta = Blend.apply(parts[level][2] + BLEND)
         f = filtered[level]
         out = f + beta * (upsample(out)[..., :f.shape[-2], :f.shape[-1]] - f)
     return out * smooth

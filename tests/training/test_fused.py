@@ -61,10 +61,30 @@ def random_filter(n: int, h: int, w: int, kind: torch.dtype = torch.float, insid
     return images, heads
 
 
-def test_gradient_of_the_filter():
+def test_gradient_of_the_filter(monkeypatch):
+    monkeypatch.setattr(kernel_filter, "CONSTANTS", [*kernel_filter.CONSTANTS[:-1], 0.0])
     images, heads = random_filter(1, 6, 9, torch.double, inside=True)
     assert torch.autograd.gradcheck(
         lambda *q: kernel_filter.Fused.apply(*images, False, *q), heads)
+
+
+@pytest.mark.parametrize("filtered", [kernel_filter.plain, kernel_filter.Fused.apply],
+                         ids=["plain", "fused"])
+def test_closed_blend_weights_keep_a_gradient(filtered):
+    images, heads = random_filter(1, 16, 16, torch.double, inside=True)
+    heads = [q.detach() for q in heads]
+
+    def run(blend: torch.Tensor) -> torch.Tensor:
+        first = torch.cat((heads[0][:, :26], blend, heads[0][:, 27:]), 1)
+        q = [first, *heads[1:]]
+        return filtered(*images, True, *q) if filtered is not kernel_filter.plain else filtered(
+            q, *images)
+
+    closed = torch.zeros_like(heads[0][:, :1], requires_grad=True)
+    change = (run(closed + 1e3) - run(closed)).sum(1)  # what the coarser level would bring
+    gradient, = torch.autograd.grad(run(closed).sum(), closed)
+    assert change.abs().max() > 0.01
+    assert torch.allclose(gradient[:, 0], kernel_filter.LEAST_SLOPE * change, rtol=0.01, atol=1e-6)
 
 
 @pytest.mark.parametrize("kind", [torch.float, torch.bfloat16], ids=str)

@@ -17,10 +17,10 @@ def draw(out, *more):
     leaves.main([str(out), *SMALL, *more])
 
 
-@pytest.mark.parametrize("seed", range(6))
-def test_target_is_the_mean_of_the_samples(seed):
+@pytest.mark.parametrize("seed, sparks", [*((s, False) for s in range(6)), (6, True)])
+def test_target_is_the_mean_of_the_samples(seed, sparks):
     """Of all nine channels, by blocks of 4x4 pixels, within what is left of the noise."""
-    stage = leaves.Stage(32, 32, np.random.default_rng([seed, 7]))
+    stage = leaves.Stage(32, 32, np.random.default_rng([seed, 7]), sparks=sparks)
     rng = np.random.default_rng(seed)
 
     def blocks(x):
@@ -67,6 +67,18 @@ def test_lamps_are_bright_and_black_to_the_albedo(tmp_path):
             found += ((albedo.max(-1) < 1e-3) & (light.max(-1) > 4 * np.median(light))).sum()
         return found
     assert black_and_bright("--lamps") > 20 + black_and_bright()
+
+
+def test_sparks_carry_much_of_the_light(tmp_path):
+    """One pixel in 30 at one sample each: the share of all the light."""
+    def share(*more):
+        draw(tmp_path / f"a{len(more)}", "--seeds", "0:10", *more)
+        found = []
+        for folder in (tmp_path / f"a{len(more)}").iterdir():
+            light = np.sort(read_image(folder / f"{folder.name}_0001spp.hdr.exr").mean(-1), None)
+            found.append(light[-light.size // 30:].sum() / light.sum())
+        return np.median(found)
+    assert share("--sparks") > share() + 0.15
 
 
 @pytest.mark.parametrize("more, what", [(["--size", "8"], "--size"), (["--spp", "x"], "--spp"),

@@ -12,7 +12,7 @@ namespace
 {
 
 using torch::Tensor;
-using Constants5 = std::array<double, 5>;
+using Constants6 = std::array<double, 6>;
 constexpr auto kLast = at::MemoryFormat::ChannelsLast;
 
 #define FOR_FLOATS(TENSOR, ...)                                                                    \
@@ -52,11 +52,11 @@ auto batch(const std::vector<Tensor> &heads, const Tensor &radiance, const Tenso
 }
 
 template <typename Q, typename F>
-void for_images(const Batch<Q, Arithmetic<Q>> &b, const Constants5 &c, bool whole,
+void for_images(const Batch<Q, Arithmetic<Q>> &b, const Constants6 &c, bool whole,
                 const Tensor &radiance, Tensor kept, F f)
 {
     using T = Arithmetic<Q>;
-    const Constants<T> k{{c[0], whole}, c[1], c[2], c[3], c[4]};
+    const Constants<T> k{{c[0], whole}, c[1], c[2], c[3], c[4], c[5]};
     at::parallel_for(0, radiance.size(0), 1, [&](int64_t begin, int64_t end) {
         Tape<T> tape(radiance.size(2), radiance.size(3));
         std::vector<T> work(tape.size);
@@ -69,7 +69,7 @@ void for_images(const Batch<Q, Arithmetic<Q>> &b, const Constants5 &c, bool whol
 
 // {result, tape}
 std::vector<Tensor> filter(std::vector<Tensor> heads, Tensor radiance, Tensor albedo, Tensor has,
-                           Constants5 constants, bool whole)
+                           Constants6 constants, bool whole)
 {
     Tensor out = torch::empty_like(radiance, at::MemoryFormat::Contiguous), kept;
     FOR_MAPS(heads[0], [&] {
@@ -85,7 +85,7 @@ std::vector<Tensor> filter(std::vector<Tensor> heads, Tensor radiance, Tensor al
 
 // Gradients of the heads.
 std::vector<Tensor> filter_backward(std::vector<Tensor> heads, Tensor radiance, Tensor albedo,
-                                    Tensor has, Tensor kept, Tensor gout, Constants5 constants,
+                                    Tensor has, Tensor kept, Tensor gout, Constants6 constants,
                                     bool whole)
 {
     std::vector<Tensor> gradients;

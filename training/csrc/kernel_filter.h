@@ -60,6 +60,7 @@ template <typename T> struct Tape {
 template <typename T> struct Constants {
     Codes<T> codes;
     double eps, radiance_max, confidence, blend; // the last two are added to the logits
+    double least_slope;                          // of a blend weight by its logit, in gradients
 };
 
 // Planar images, so many elements apart.
@@ -249,8 +250,11 @@ template <typename Q, typename T> struct Image {
         l.gs.clear();
         for (int64_t y = 0; y < l.v.h; y++) {
             const T *sum = l.s.row(0, y), *beta = l.beta.row(0, y);
-            T *gsum = l.gs.row(0, y), *logit = l.gblend.row(0, y);
+            T *gsum = l.gs.row(0, y), *logit = l.gblend.row(0, y), *slope = row(kScratch);
             std::fill_n(logit, l.v.w, T(0));
+#pragma GCC ivdep
+            for (int64_t x = 0; x < l.v.w; x++) // of beta, over beta
+                slope[x] = std::max(1 - beta[x], T(k.least_slope) / beta[x]);
             for (int c = 0; c < 3; c++) {
                 const T *s = l.s.row(c + 1, y), *out = l.out.row(c, y), *g = l.gout.row(c, y);
                 T *gs = l.gs.row(c + 1, y), *gu = u.gradient();
@@ -260,7 +264,7 @@ template <typename Q, typename T> struct Image {
                     const T f = s[x] * inverse;
                     gs[x] = g[x] * keep * inverse;
                     gsum[x] -= gs[x] * f;
-                    logit[x] += g[x] * keep * (out[x] - f);
+                    logit[x] += g[x] * slope[x] * (out[x] - f);
                 }
                 if (last)
                     continue;

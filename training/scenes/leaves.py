@@ -30,6 +30,8 @@ def parser() -> argparse.ArgumentParser:
     p = options.parser("training.scenes.leaves", __doc__, 144, "1,2,4,8,16,32,64", 3)
     p.add_argument("--lamps", action="store_true",
                    help="many bright lamps, most of them black to the albedo")
+    p.add_argument("--sparks", action="store_true",
+                   help="few, large, plain figures; much light found in one sample of 6 to 180")
     return p
 
 
@@ -112,15 +114,15 @@ def unit(v: np.ndarray) -> np.ndarray:
     return v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-9)
 
 
-def surfaces(number, u, v, count: int, rng: np.random.Generator):
-    """Albedo and normals of the points, [h,w,3] each."""
+def surfaces(number, u, v, count: int, rng: np.random.Generator, most: float):
+    """Albedo and normals of the points, [h,w,3] each; most: share of textured figures."""
     n = count + 1
     bitmaps = np.stack([textures.picture(rng, TEXELS, colour) for _ in range(BITMAPS)])
     which, scale = rng.integers(BITMAPS, size=n), 2.0 ** rng.uniform(-2, 2.5, n)
     at_u, at_v = ((t * scale[number] + rng.random(n)[number]) * TEXELS % TEXELS for t in (u, v))
     texel = which[number], at_v.astype(int) % TEXELS, at_u.astype(int) % TEXELS
     plain = np.stack([colour(rng) for _ in range(n)])
-    textured = (rng.random(n) < rng.uniform(0, 0.8)).astype(np.float32)[number][..., None]
+    textured = (rng.random(n) < rng.uniform(0, most)).astype(np.float32)[number][..., None]
     depth = rng.uniform(0.2, 1, n)[number][..., None] * textured
     albedo = plain[number] * (1 - depth) + bitmaps[texel] * depth
     frame = np.linalg.qr(rng.normal(size=(3, 3)))[0]  # of the room: most planes lie along it
@@ -159,14 +161,16 @@ class Stage:
     """What the points of a picture send to the camera; `values` [points, columns] in the order of
     COLUMNS, the rest is common to all points."""
 
-    def __init__(self, h: int, w: int, rng: np.random.Generator, lamps: bool = False):
+    def __init__(self, h: int, w: int, rng: np.random.Generator, lamps: bool = False,
+                 sparks: bool = False):
         self.h, self.w = h * SIDE, w * SIDE
         h, w = self.h, self.w
-        count = int(np.exp(rng.uniform(np.log(8), np.log(300))))
-        sizes = SIDE * rng.uniform(0.6, 3), rng.uniform(0.15, 0.6) * w
+        count = int(np.exp(rng.uniform(np.log(3 if sparks else 8), np.log(25 if sparks else 300))))
+        least = 0.05 * w if sparks else SIDE * rng.uniform(0.6, 3)
+        sizes = least, rng.uniform(0.15, 0.6) * w
         number, u, v = paint(h, w, count, sizes, rng)
         n = count + 1
-        albedo, normal = surfaces(number, u, v, count, rng)
+        albedo, normal = surfaces(number, u, v, count, rng, 0.2 if sparks else 0.8)
         gap = rng.random(n).astype(np.float32)[number]  # nearness, for the dark of corners
         corner = np.clip(blur(gap, int(rng.integers(2, 12) * SIDE)) - gap, 0, 1)
         open_share = np.exp(-rng.uniform(0, 4) * corner)[..., None]
@@ -187,6 +191,9 @@ class Stage:
                        + rng.normal(0, rng.uniform(0, 0.6), n)[number])[..., None]
         ambient = level * (1 - rng.uniform(0, 0.5, 3) * rng.random()) * open_share
         chance = 2.0 ** (0.5 - 7 * rng.random() ** 2 + rng.normal(0, 0.7, n))
+        if sparks:
+            chance = 2.0 ** (-rng.uniform(2.5, 7) + rng.normal(0, 0.3, n))
+            ambient *= 2.0 ** rng.uniform(-1, 2) * max(direct.mean(), 0.05) / ambient.mean()
         chance = np.clip(chance, 2.0**-8, 1)[number]
         view = (albedo * (direct + ambient))[::rng.choice([-1, 1]), ::rng.choice([-1, 1])]
         self.view = np.roll(view, rng.integers(0, w, 2), (0, 1)).reshape(-1, 3)
@@ -261,7 +268,7 @@ def draw_seed(seed: int, args: argparse.Namespace) -> dict:
     start, name = time.process_time(), f"l{seed:05d}"
     rng = np.random.default_rng([seed, 7])
     width, height = size_pair(args.size)
-    stage = Stage(height, width, rng, args.lamps)
+    stage = Stage(height, width, rng, args.lamps, args.sparks)
     counts = count_list(args.spp, "--spp")
     if args.pick:
         counts = sorted(rng.choice(counts, min(args.pick, len(counts)), replace=False).tolist())
