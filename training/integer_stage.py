@@ -15,6 +15,7 @@ import torch
 
 from export import kernel, synthetic
 from export.calibrate import SYNTHETIC, SYNTHETIC_SIZE
+from export.prune import active_channels, without_silent
 from export.quantize import integer_tensors
 from export.quantize_kernel import KernelQuantizer, calibration_input, tensors_of, varied
 from export.quantizer import Options, Quantizer, transfer_top
@@ -22,7 +23,7 @@ from export.reference import float_model
 from training import color
 from training.augment import Augment
 from training.data import Batches, Picture, from_raw
-from training.errors import STATE, ToolError
+from training.errors import STATE, USAGE, ToolError
 from training.features import encode
 from training.imageio import replacing
 from training.kernel_integer import IntegerKernel
@@ -39,21 +40,38 @@ CONTENTS = {("hdr", "pu"): "hdr", ("hdr", "log"): "lightmap-hdr", ("ldr", "srgb"
 FEATURES = {"hdr": "color", "ldr": "color", "alb": "albedo", "nrm": "normal"}
 
 
-def quantize(tensors: dict[str, torch.Tensor], settings: Settings, pictures: list[Picture]):
-    """Weights of a training as an integer model, IntModel or IntTrunk."""
+def quantize(tensors: dict[str, torch.Tensor], settings: Settings, pictures: list[Picture],
+             prune: int = 0):
+    """Weights of a training as an integer model, IntModel or IntTrunk.
+
+    prune: pictures in which a channel of family K must be above 0 somewhere to stay; 0: all stay.
+    """
     arrays = {k: np.asarray(v.detach().cpu().float(), np.float16) for k, v in tensors.items()}
-    chosen = pictures[::max(len(pictures) // CALIBRATION, 1)][:CALIBRATION]
-    codes = [p.inputs[i % len(p.inputs)].astype(np.float32) for i, p in enumerate(chosen)]
     if settings.get("family", "U") == "K":
-        trunk = kernel.FloatTrunk(kernel.find_trunk(arrays, settings.result), arrays)
-        inputs = [kernel_input(x, settings, i) for i, x in enumerate(codes)]
-        return KernelQuantizer(trunk, inputs, Options()).run()
+        net = kernel.find_trunk(arrays, settings.result)
+        if prune:
+            codes = spread_codes(pictures, prune)
+            active = active_channels(kernel.FloatTrunk(net, arrays), (
+                kernel_input(x, settings, i) for i, x in enumerate(codes)))
+            arrays = without_silent(net, arrays, active, net.heads)
+        inputs = [kernel_input(x, settings, i)
+                  for i, x in enumerate(spread_codes(pictures, CALIBRATION))]
+        return KernelQuantizer(kernel.FloatTrunk(net, arrays), inputs, Options()).run()
+    if prune:
+        raise ToolError("--prune is for family K", USAGE)
+    codes = spread_codes(pictures, CALIBRATION)
     model = float_model(arrays, settings.result)
     if model.outputs != 3 or settings.main_feature == "sh1":
         raise ToolError(f"{settings.main_feature}: there are no integer models of it", STATE)
     inputs = [np.pad(x, ((0, -x.shape[0] % 16), (0, -x.shape[1] % 16), (0, 0))) for x in codes]
     top = transfer_top(CONTENTS.get((settings.main_feature, settings.transfer), "ldr"))
     return Quantizer(model, inputs, Options(input_top=top, output_top=top)).run()
+
+
+def spread_codes(pictures: list[Picture], count: int) -> list[np.ndarray]:
+    """Codes of inputs of so many of the pictures, evenly spread, of few and of many samples."""
+    chosen = pictures[::max(len(pictures) // count, 1)][:count]
+    return [p.inputs[i % len(p.inputs)].astype(np.float32) for i, p in enumerate(chosen)]
 
 
 def kernel_input(codes: np.ndarray, settings: Settings, index: int) -> np.ndarray:
@@ -70,14 +88,16 @@ def kernel_input(codes: np.ndarray, settings: Settings, index: int) -> np.ndarra
     return calibration_input(*varied(images, index))
 
 
-def calibration_pictures(settings: Settings, say: Callable = print) -> list[Picture]:
-    """Some pictures of the data that a result was trained on, else built-in synthetic ones."""
+def calibration_pictures(settings: Settings, count: int = CALIBRATION,
+                         say: Callable = print) -> list[Picture]:
+    """At least `count` pictures of the data that a result was trained on, if it has so many and is
+    here, else built-in synthetic ones."""
     s = settings
     try:
         if not s.get("raw"):
             return read_pictures(find_stored(s, s.train_data), s.features, s.main_feature, False)
         found = scan(Path(s.data_dir) / s.train_data, s.features)
-        found.groups = found.groups[::max(len(found.groups) // CALIBRATION, 1)][:CALIBRATION]
+        found.groups = found.groups[::max(len(found.groups) // count, 1)][:count]
         pictures = from_raw(found, s.features, s.main_feature, s.transfer, layers=s.layers, log=say)
         if pictures:
             return pictures
@@ -168,6 +188,10 @@ def integer_weights(result: Result, settings: Settings) -> dict[str, np.ndarray]
     tensors = model.state_dict()
     stage = read_stage(result)
     if stage and stage["tensors"] is not None and stage["same"]["weights"] == fingerprint(tensors):
+        if settings.prune:
+            raise ToolError(f"{settings.result}: its integer model is trained already, --prune "
+                            "comes too late", USAGE)
         print("the model of the quantisation-aware training")
         return {k: v.numpy() for k, v in stage["tensors"].items()}
-    return tensors_of_model(quantize(tensors, trained, calibration_pictures(trained)))
+    pictures = calibration_pictures(trained, max(CALIBRATION, settings.prune))
+    return tensors_of_model(quantize(tensors, trained, pictures, settings.prune))

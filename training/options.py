@@ -127,6 +127,8 @@ OPTIONS = (
     _o("--save_all", "I", False, "save input and target as well", **FLAG),
     _o("--output -o", "X", None, "output file"),
     _o("--int8", "X", False, "weights: the integer model", **FLAG),
+    _o("--prune", "X", 0, "with --int8: leave out channels that are silent in so many pictures of "
+       "the training data", **INT),
     _o("--weights", "IX", "ema", "which weights of a checkpoint", choices=("ema", "raw")),
     _o("--best", "IX", False, "the checkpoint of the best validation", **FLAG),
     _o("--port", "V", 6006, "port of TensorBoard", **INT),

@@ -19,7 +19,8 @@ from training import (color, evaluate, find_lr, infer, kernel_model, nets, prepr
                       visualize)
 from training.data import Augment, Batches, from_raw
 from training.imageio import read_image
-from training.integer_stage import quantize
+from training.integer_stage import (calibration_pictures, kernel_input, quantize,
+                                    spread_codes)
 from training.kernel_integer import IntegerKernel
 from training.quantize_aware import fine_tune
 from training.result import Result, load_model
@@ -104,6 +105,37 @@ def test_quantisation_aware_training(raw, work, capsys, monkeypatch):
         export.main(["-r", "k", "-R", results, "--int8", "-o", f"{results}.tza"])
     assert Path("whole.tza").read_bytes() == Path("results.tza").read_bytes()
     assert Path("whole.tza").read_bytes() != Path("plain.tza").read_bytes()
+
+
+def test_silent_channels_are_left_out(raw, work, fails):
+    """Not the others, nor more than keeps widths multiples of 8; codes of the heads stay but for
+    the weights' rounding in pairs."""
+    model = "kernel5:24,8,8,8,24,16,16,16,24,40,16,24,16,8"
+    wide = nets.build(model, 0)
+    dead = {"enc0a": 9, "enc1a": 3, "enc2a": 16, "enc4b": 10, "dec2": 8, "enc3b": 7}
+    with torch.no_grad():
+        for layer, count in dead.items():
+            getattr(wide, layer).bias[-count:] = -100
+    torch.save(wide.state_dict(), "wide.pt")
+    train.main([*RAW[:-len(QUICK)], "-m", model, *QUICK[2:], "-D", str(raw), "-e", "1", "-r", "w",
+                "--init", "wide.pt", "--max_lr", "1e-9"])
+    export.main(["-r", "w", "--int8", "-o", "whole.tza"])
+    export.main(["-r", "w", "--int8", "--prune", "3", "-o", "less.tza"])
+    whole, less = (kernel.load(f"{name}.tza") for name in ("whole", "less"))
+    left_out = {a.layer.name: a.outputs - b.outputs for a, b in zip(whole.layers, less.layers)}
+    assert left_out["enc0a"] >= 8 and left_out["enc2a"] >= 16 and left_out["enc4b"] >= 8
+    assert left_out["dec2"] >= 8 and left_out["enc1a"] == left_out["enc3b"] == 0
+    assert not any(left_out[head] for head in whole.net.heads)
+    settings = load_model(Result("results", "w"))[1]
+    for i, codes in enumerate(spread_codes(calibration_pictures(settings, 3), 3)):
+        x = whole.codes(kernel_input(codes, settings, i))
+        a, b = whole.maps(x), less.maps(x)
+        for head in whole.net.heads:
+            off = np.abs(a[head].astype(int) - b[head])
+            assert off.max() <= 2 and off.mean() < 0.1, (head, off.max(), off.mean())
+    assert Path("less.tza").stat().st_size < Path("whole.tza").stat().st_size
+    code, message = fails(export.main, ["-r", "w", "--prune", "3"])
+    assert code == 2 and "--int8" in message
 
 
 class Teacher:
