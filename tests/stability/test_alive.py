@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from export import kernel
+from export import kernel, synthetic
 from tests.apps import tools
 from training.imageio import read_exr_channels
 
@@ -17,13 +17,19 @@ SIDE = 128
 
 @pytest.fixture(scope="module")
 def inputs(root) -> list[np.ndarray]:
-    """Codes of parts of the demo's picture, with and without features, at two exposures."""
+    """Codes of parts of the demo's picture and of synthetic ones of 1 to 32 samples, with and
+    without features, at two exposures."""
     planes = read_exr_channels(root / "demo" / "house_0004spp.exr")
-    images = [np.stack([planes[name] for name in names], -1)[:SIDE, :SIDE].astype(np.float32)
-              for names in ("RGB", [f"albedo.{c}" for c in "RGB"], [f"normal.{c}" for c in "XYZ"])]
-    light, albedo, normal = images
+    house = [np.stack([planes[name] for name in names], -1).astype(np.float32)
+             for names in ("RGB", [f"albedo.{c}" for c in "RGB"], [f"normal.{c}" for c in "XYZ"])]
+    pictures = [[image[y:y + SIDE, x:x + SIDE] for image in house]
+                for y, x in ((0, 0), (house[0].shape[0] - SIDE, house[0].shape[1] - SIDE))]
+    for samples in (1, 4, 32):
+        made = synthetic.noisy(SIDE, samples, samples)
+        pictures.append([made["color"], made["albedo"], made["normal"]])
     return [kernel.encode(light * np.float32(scale), *features, False)
-            for scale in (0.3, 3.0) for features in ((albedo, normal), (None, None))]
+            for light, albedo, normal in pictures for scale in (0.3, 3.0)
+            for features in ((albedo, normal), (None, None))]
 
 
 @pytest.mark.parametrize("name", BUILT_IN)
