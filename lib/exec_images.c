@@ -108,7 +108,7 @@ static void load_direct(const lull_task *t, float *block, unsigned x, unsigned y
 /* Whether a colour counts as 0 in all channels (docs/kernel-prediction.md). */
 static int is_black(const float *rgb)
 {
-    return !(rgb[0] > FLT_MIN) & !(rgb[1] > FLT_MIN) & !(rgb[2] > FLT_MIN);
+    return !(rgb[0] > FLT_MIN || rgb[1] > FLT_MIN || rgb[2] > FLT_MIN);
 }
 
 /* n pixels of albedo with white for black: in place, or copied to `block` if one is black. */
