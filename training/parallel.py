@@ -145,6 +145,7 @@ def _member(rank: int, work, settings: Settings, world: int, local: int) -> None
                             world_size=world)
     try:
         work(settings, Team(rank, world, device))
+        dist.barrier()  # nobody leaves while another may still need it
     finally:
         dist.destroy_process_group()
 
