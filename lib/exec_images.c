@@ -114,17 +114,15 @@ static int is_black(const float *rgb)
 /* n pixels of albedo with white for black: in place, or copied to `block` if one is black. */
 static const float *without_black(const float *pixels, float *block, unsigned n)
 {
-    int is_any_black = 0;
-    for (unsigned i = 0; i < 3 * n; i += 3)
-        is_any_black |= is_black(pixels + i);
-    if (!is_any_black)
-        return pixels;
-    if (pixels != block)
-        memcpy(block, pixels, 3 * n * sizeof *block);
-    for (unsigned i = 0; i < 3 * n; i += 3)
-        if (is_black(block + i))
-            block[i] = block[i + 1] = block[i + 2] = 1.0f;
-    return block;
+    for (unsigned i = 0; i < 3 * n; i += 3) {
+        if (!is_black(pixels + i))
+            continue;
+        if (pixels != block)
+            memcpy(block, pixels, 3 * n * sizeof *block);
+        pixels = block;
+        block[i] = block[i + 1] = block[i + 2] = 1.0f;
+    }
+    return pixels;
 }
 
 /* n pixels of an auxiliary image of family K: in place, or copied to `block`. NULL if there are

@@ -13,6 +13,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
+from export.kernel import without_black
 from training import color
 from training.kernel_filter import apply_filter
 from training.kernel_net import KernelNet, encode
@@ -39,8 +40,8 @@ def planes(codes: np.ndarray, features: list[str], has_albedo: bool = True,
             k = 3 * features.index(feature)
             out[..., at:at + 3] = codes[..., k:k + 3]
             out[..., flag] = 1
-    if out[..., 9].any():  # black counts as white
-        out[..., 3:6][~(out[..., 3:6] > 0).any(-1)] = 1
+    if out[..., 9].any():
+        out[..., 3:6] = without_black(out[..., 3:6])
     out[..., 11] = clipped or "ldr" in features
     return out
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from export import kernel, synthetic
+from export.prune import active_channels
 from tests.apps import tools
 from training.imageio import read_exr_channels
 
@@ -35,10 +36,7 @@ def inputs(root) -> list[np.ndarray]:
 @pytest.mark.parametrize("name", BUILT_IN)
 def test_no_layer_is_dead(root, inputs, name):
     model = kernel.load(root / "weights" / name)
-    alive = {}
-    for codes in inputs:
-        for layer, values in model.maps(codes).items():
-            alive[layer] = alive.get(layer, False) | (values != 0).any((0, 1))
+    alive = active_channels(model, inputs)
     dead = {k: f"{(~v).sum()} of {v.size}" for k, v in alive.items() if (~v).mean() > 0.5}
     assert not dead
 

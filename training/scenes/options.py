@@ -27,7 +27,7 @@ def parser(module: str, description: str, size: int, spp: str, pick: int
 
 
 def check(args: argparse.Namespace, least: int = 8) -> list[int]:
-    """Seeds of this shard; raises ToolError where a common option is wrong or OUT cannot be made.
+    """Seeds of this shard; raises ToolError where a common option is wrong.
 
     least: of width and height.
     """
