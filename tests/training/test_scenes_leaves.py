@@ -17,10 +17,11 @@ def draw(out, *more):
     leaves.main([str(out), *SMALL, *more])
 
 
-@pytest.mark.parametrize("seed, sparks", [*((s, False) for s in range(6)), (6, True)])
-def test_target_is_the_mean_of_the_samples(seed, sparks):
+@pytest.mark.parametrize("seed, style", [*((s, "any") for s in range(6)),
+                                         (6, "sparks"), (7, "soft")])
+def test_target_is_the_mean_of_the_samples(seed, style):
     """Of all nine channels, by blocks of 4x4 pixels, within what is left of the noise."""
-    stage = leaves.Stage(32, 32, np.random.default_rng([seed, 7]), sparks=sparks)
+    stage = leaves.Stage(32, 32, np.random.default_rng([seed, 7]), leaves.STYLES[style])
     rng = np.random.default_rng(seed)
 
     def blocks(x):
@@ -66,7 +67,7 @@ def test_lamps_are_bright_and_black_to_the_albedo(tmp_path):
                              for kind in ("hdr", "alb"))
             found += ((albedo.max(-1) < 1e-3) & (light.max(-1) > 4 * np.median(light))).sum()
         return found
-    assert black_and_bright("--lamps") > 20 + black_and_bright()
+    assert black_and_bright("--style", "lamps") > 20 + black_and_bright()
 
 
 def test_sparks_carry_much_of_the_light(tmp_path):
@@ -78,7 +79,22 @@ def test_sparks_carry_much_of_the_light(tmp_path):
             light = np.sort(read_image(folder / f"{folder.name}_0001spp.hdr.exr").mean(-1), None)
             found.append(light[-light.size // 30:].sum() / light.sum())
         return np.median(found)
-    assert share("--sparks") > share() + 0.15
+    assert share("--style", "sparks") > share() + 0.15
+
+
+def test_soft_light_is_even():
+    """Light that falls onto the points changes little from one to the next."""
+    def steps(style):
+        found = []
+        for seed in range(20):
+            stage = leaves.Stage(32, 32, np.random.default_rng([seed, 7]), leaves.STYLES[style])
+            points = stage.values.reshape(stage.h, stage.w, -1)
+            light = points[..., 15:18] + sum(points[..., k:k + 3] * points[..., k + 3:k + 4]
+                                             for k in range(19, points.shape[-1], 4))
+            level = np.log(light.mean(-1) + 1e-4)
+            found.append(np.quantile(np.abs(np.diff(level, axis=1)), 0.9))
+        return np.median(found)
+    assert steps("soft") < 0.6 * steps("any")
 
 
 @pytest.mark.parametrize("more, what", [(["--size", "8"], "--size"), (["--spp", "x"], "--spp"),

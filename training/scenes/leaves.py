@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import time
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,12 +27,38 @@ TARGET = 4096          # samples that the target stands for
 BITMAPS, TEXELS = 5, 128
 
 
+class Style(NamedTuple):
+    """What pictures are drawn of. Pairs are ranges, of lamps' powers mean and deviation (of the
+    natural logarithm)."""
+
+    what: str
+    figures: tuple[float, float] = (8, 300)
+    least: tuple[float, float] | None = (0.6, 3)   # pixels; None: a twentieth of the width
+    textured: float = 0.8                          # most of the figures
+    bumpy: float = 0.2                             # share of the figures
+    lamps: tuple[float, ...] = (0, 0.01, 0.1)      # shares of the figures
+    lamp_power: tuple[float, float] = (1.5, 1.5)
+    lamp_albedo: float = 1.0
+    is_soft: bool = False
+    is_sparse: bool = False
+
+
+STYLES = {
+    "any": Style("all kinds of light"),
+    "lamps": Style("many bright lamps, most of them black to the albedo",
+                   lamps=(0.04, 0.1, 0.2), lamp_power=(2.2, 1.2), lamp_albedo=0.0),
+    "sparks": Style("few, large, plain figures; much light found in one sample of 6 to 180",
+                    figures=(3, 25), least=None, textured=0.2, is_sparse=True),
+    "soft": Style("light that changes slowly: soft shadows, even indirect light, hardly a mirror",
+                  figures=(3, 100), least=(2, 10), textured=0.6, bumpy=0.03, lamps=(0, 0.01),
+                  is_soft=True),
+}
+
+
 def parser() -> argparse.ArgumentParser:
     p = options.parser("training.scenes.leaves", __doc__, 144, "1,2,4,8,16,32,64", 3)
-    p.add_argument("--lamps", action="store_true",
-                   help="many bright lamps, most of them black to the albedo")
-    p.add_argument("--sparks", action="store_true",
-                   help="few, large, plain figures; much light found in one sample of 6 to 180")
+    p.add_argument("--style", choices=STYLES, default="any", help="; ".join(
+        f"{name}: {style.what}" for name, style in STYLES.items()))
     return p
 
 
@@ -114,16 +141,16 @@ def unit(v: np.ndarray) -> np.ndarray:
     return v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-9)
 
 
-def surfaces(number, u, v, count: int, rng: np.random.Generator, most: float):
-    """Albedo and normals of the points, [h,w,3] each; most: share of textured figures."""
+def surfaces(number, u, v, count: int, rng: np.random.Generator, style: Style):
+    """Albedo and normals of the points, [h,w,3] each."""
     n = count + 1
     bitmaps = np.stack([textures.picture(rng, TEXELS, colour) for _ in range(BITMAPS)])
     which, scale = rng.integers(BITMAPS, size=n), 2.0 ** rng.uniform(-2, 2.5, n)
     at_u, at_v = ((t * scale[number] + rng.random(n)[number]) * TEXELS % TEXELS for t in (u, v))
     texel = which[number], at_v.astype(int) % TEXELS, at_u.astype(int) % TEXELS
     plain = np.stack([colour(rng) for _ in range(n)])
-    textured = (rng.random(n) < rng.uniform(0, most)).astype(np.float32)[number][..., None]
-    depth = rng.uniform(0.2, 1, n)[number][..., None] * textured
+    textured = (rng.random(n) < rng.uniform(0, style.textured)).astype(np.float32)
+    depth = (rng.uniform(0.2, 1, n) * textured)[number][..., None]
     albedo = plain[number] * (1 - depth) + bitmaps[texel] * depth
     frame = np.linalg.qr(rng.normal(size=(3, 3)))[0]  # of the room: most planes lie along it
     along = rng.random(n)[:, None] < rng.uniform(0, 0.9)
@@ -133,7 +160,7 @@ def surfaces(number, u, v, count: int, rng: np.random.Generator, most: float):
     third = np.cross(base, across)
     round_u, round_v = (rng.uniform(0.3, 2, n) * (rng.random(n) < 0.3) for _ in range(2))
     height = bitmaps.mean(-1)
-    bump = rng.uniform(0.5, 6, n) * (rng.random(n) < 0.2)
+    bump = rng.uniform(0.5, 6, n) * (rng.random(n) < style.bumpy)
     slope_u, slope_v = ((np.roll(height, -1, axis) - np.roll(height, 1, axis))[texel]
                         for axis in (2, 1))
     tilt_u = round_u[number] * u + bump[number] * slope_u
@@ -143,13 +170,17 @@ def surfaces(number, u, v, count: int, rng: np.random.Generator, most: float):
     return albedo.astype(np.float32), normal.astype(np.float32)
 
 
-def shadow(h: int, w: int, number, count: int, rng: np.random.Generator) -> np.ndarray:
+def shadow(h: int, w: int, number, count: int, rng: np.random.Generator,
+           is_soft: bool) -> np.ndarray:
     """Share of a light that the points see, [h,w]: figures with sharp or soft edges, moved from
-    surface to surface."""
+    surface to surface; or very soft ones, the same on all."""
     few = int(rng.integers(1, 40))
     mask = (paint(h, w, few, (6, 0.5 * w), rng)[0] == 0).astype(np.float32)
     if rng.random() < 0.5:
         mask = 1 - mask
+    if is_soft:
+        r = int(SIDE * rng.uniform(4, 25))
+        return blur(blur(mask, r), r // 2)
     r = int(SIDE * rng.uniform(0, 3) ** 2.5) if rng.random() < 0.8 else 0
     mask = blur(blur(mask, r), r // 2)
     move = rng.integers(0, w // 3, (count + 1, 2))
@@ -161,16 +192,15 @@ class Stage:
     """What the points of a picture send to the camera; `values` [points, columns] in the order of
     COLUMNS, the rest is common to all points."""
 
-    def __init__(self, h: int, w: int, rng: np.random.Generator, lamps: bool = False,
-                 sparks: bool = False):
+    def __init__(self, h: int, w: int, rng: np.random.Generator, style: Style = STYLES["any"]):
         self.h, self.w = h * SIDE, w * SIDE
         h, w = self.h, self.w
-        count = int(np.exp(rng.uniform(np.log(3 if sparks else 8), np.log(25 if sparks else 300))))
-        least = 0.05 * w if sparks else SIDE * rng.uniform(0.6, 3)
+        count = int(np.exp(rng.uniform(*np.log(style.figures))))
+        least = SIDE * rng.uniform(*style.least) if style.least else 0.05 * w
         sizes = least, rng.uniform(0.15, 0.6) * w
         number, u, v = paint(h, w, count, sizes, rng)
         n = count + 1
-        albedo, normal = surfaces(number, u, v, count, rng, 0.2 if sparks else 0.8)
+        albedo, normal = surfaces(number, u, v, count, rng, style)
         gap = rng.random(n).astype(np.float32)[number]  # nearness, for the dark of corners
         corner = np.clip(blur(gap, int(rng.integers(2, 12) * SIDE)) - gap, 0, 1)
         open_share = np.exp(-rng.uniform(0, 4) * corner)[..., None]
@@ -180,18 +210,24 @@ class Stage:
             falling = np.exp(rng.uniform(0, 1) * waves(h, w, rng)[0] / 2)
             power = np.exp(rng.normal(0, 1)) * (1 - rng.uniform(0, 0.6, 3) * rng.random())
             full = (np.clip(facing, 0, 1) * falling)[..., None] * power * 3
-            seen = shadow(h, w, number, count, rng)
+            seen = shadow(h, w, number, count, rng, style.is_soft)
             chance = 1.0 if rng.random() < 0.6 else 2.0 ** rng.uniform(-7, 0)
             self.lights.append((full.astype(np.float32), seen, chance))
             direct += full * seen[..., None]
         long = rng.uniform(40, 600) * SIDE
         field = np.mean([np.sin((np.indices((h, w)) * rng.normal(size=(2, 1, 1))).sum(0)
                                 * (6.28 / long) + rng.uniform(0, 6.28)) for _ in range(4)], 0)
-        level = np.exp(rng.normal(-0.5, 1) + rng.uniform(0, 1.5) * field
-                       + rng.normal(0, rng.uniform(0, 0.6), n)[number])[..., None]
+        level = rng.normal(-0.5, 1) + rng.uniform(0, 1.5) * field
+        if style.is_soft:  # by the direction that a surface looks into
+            level += rng.uniform(0, 1) * (normal @ unit(rng.normal(size=3)))
+        else:  # from figure to figure
+            level += rng.normal(0, rng.uniform(0, 0.6), n)[number]
+        level = np.exp(level)[..., None]
         ambient = level * (1 - rng.uniform(0, 0.5, 3) * rng.random()) * open_share
         chance = 2.0 ** (0.5 - 7 * rng.random() ** 2 + rng.normal(0, 0.7, n))
-        if sparks:
+        if style.is_soft:
+            chance = 2.0 ** (-rng.uniform(0, 6) + rng.normal(0, 0.2, n))
+        if style.is_sparse:
             chance = 2.0 ** (-rng.uniform(2.5, 7) + rng.normal(0, 0.3, n))
             ambient *= 2.0 ** rng.uniform(-1, 2) * max(direct.mean(), 0.05) / ambient.mean()
         chance = np.clip(chance, 2.0**-8, 1)[number]
@@ -199,16 +235,16 @@ class Stage:
         self.view = np.roll(view, rng.integers(0, w, 2), (0, 1)).reshape(-1, 3)
         shine = (rng.random(n) < rng.uniform(0, 0.4)) * rng.uniform(0.02, 0.5, n)
         metal = (rng.random(n) < rng.uniform(0, 0.2))
+        if style.is_soft:
+            shine, metal = shine * 0.1, metal & False
         mirror = np.where(metal[number][..., None], albedo, shine[number][..., None])
         self.rough = int(rng.integers(0, 10) * SIDE * (rng.random() < 0.7))
         matt = np.where(metal[number][..., None], 0, albedo)
-        drawn, shares = rng.random(n), [0.04, 0.1, 0.2] if lamps else [0, 0.01, 0.1]
-        emits = (drawn < rng.choice(shares)) * np.exp(
-            rng.normal(*((2.2, 1.2) if lamps else (1.5, 1.5)), n))
+        emits = (rng.random(n) < rng.choice(style.lamps)) * np.exp(rng.normal(*style.lamp_power, n))
         emission = emits[number][..., None] * (1 - rng.uniform(0, 0.7, (n, 3)) ** 2)[number]
         lit = (emission.max(-1) > 0)[..., None]
         matt, mirror = matt * ~lit, mirror * ~lit
-        of_lamps = (np.clip(emission, 0, 1), 0.0 if lamps else 1.0, 0.0)[rng.integers(3)]
+        of_lamps = (np.clip(emission, 0, 1), style.lamp_albedo, 0.0)[rng.integers(3)]
         aux = np.where(lit, of_lamps, albedo)
         if rng.random() < 0.3:  # behind all: a sky
             sky = (number == 0)[..., None]
@@ -268,7 +304,7 @@ def draw_seed(seed: int, args: argparse.Namespace) -> dict:
     start, name = time.process_time(), f"l{seed:05d}"
     rng = np.random.default_rng([seed, 7])
     width, height = size_pair(args.size)
-    stage = Stage(height, width, rng, args.lamps, args.sparks)
+    stage = Stage(height, width, rng, STYLES[args.style])
     counts = count_list(args.spp, "--spp")
     if args.pick:
         counts = sorted(rng.choice(counts, min(args.pick, len(counts)), replace=False).tolist())
