@@ -2,18 +2,25 @@
 from __future__ import annotations
 
 import shutil
+import sysconfig
+from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from torch.utils.cpp_extension import is_ninja_available
 
 from training import color, fused, kernel_filter, kernel_net, loss, nets, pointwise, trunk
 
 
 @pytest.fixture(autouse=True)
 def compiled():
-    if not (shutil.which("c++") or shutil.which("g++")):
-        pytest.skip("optional: no C++ compiler for the fused operations")
+    header = Path(sysconfig.get_path("include")) / "Python.h"
+    for what, is_there in (("C++ compiler", shutil.which("c++") or shutil.which("g++")),
+                           ("Python.h", header.exists()),
+                           ("ninja", is_ninja_available())):
+        if not is_there:
+            pytest.skip(f"optional: no {what} for the fused operations")
     assert fused.module() is not None
 
 
