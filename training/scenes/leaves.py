@@ -28,9 +28,9 @@ BITMAPS, TEXELS = 5, 128
 
 
 class Style(NamedTuple):
-    """What pictures are drawn of. Pairs are ranges, of lamps' powers mean and deviation (of the
-    natural logarithm)."""
-
+    """What pictures are drawn of. Pairs are ranges; of lamps' powers mean and deviation of the
+    logarithm. octaves: indirect light is found in one sample of 2^first to 2^second, with such a
+    deviation from figure to figure; None: in more of them."""
     what: str
     figures: tuple[float, float] = (8, 300)
     least: tuple[float, float] | None = (0.6, 3)   # pixels; None: a twentieth of the width
@@ -39,6 +39,9 @@ class Style(NamedTuple):
     lamps: tuple[float, ...] = (0, 0.01, 0.1)      # shares of the figures
     lamp_power: tuple[float, float] = (1.5, 1.5)
     lamp_albedo: float = 1.0
+    metals: float = 0.2                            # most of the figures
+    shine: float = 1.0                             # times that of the others
+    octaves: tuple[float, float, float] | None = None
     is_soft: bool = False
     is_sparse: bool = False
 
@@ -48,10 +51,11 @@ STYLES = {
     "lamps": Style("many bright lamps, most of them black to the albedo",
                    lamps=(0.04, 0.1, 0.2), lamp_power=(2.2, 1.2), lamp_albedo=0.0),
     "sparks": Style("few, large, plain figures; much light found in one sample of 6 to 180",
-                    figures=(3, 25), least=None, textured=0.2, is_sparse=True),
+                    figures=(3, 25), least=None, textured=0.2, octaves=(2.5, 7, 0.3),
+                    is_sparse=True),
     "soft": Style("light that changes slowly: soft shadows, even indirect light, hardly a mirror",
                   figures=(3, 100), least=(2, 10), textured=0.6, bumpy=0.03, lamps=(0, 0.01),
-                  is_soft=True),
+                  metals=0.0, shine=0.1, octaves=(0, 6, 0.2), is_soft=True),
 }
 
 
@@ -189,8 +193,8 @@ def shadow(h: int, w: int, number, count: int, rng: np.random.Generator,
 
 
 class Stage:
-    """What the points of a picture send to the camera; `values` [points, columns] in the order of
-    COLUMNS, the rest is common to all points."""
+    """What the points of a picture send to the camera; `values` [points, columns] as `sample` reads
+    them, the rest is common to all points."""
 
     def __init__(self, h: int, w: int, rng: np.random.Generator, style: Style = STYLES["any"]):
         self.h, self.w = h * SIDE, w * SIDE
@@ -225,18 +229,16 @@ class Stage:
         level = np.exp(level)[..., None]
         ambient = level * (1 - rng.uniform(0, 0.5, 3) * rng.random()) * open_share
         chance = 2.0 ** (0.5 - 7 * rng.random() ** 2 + rng.normal(0, 0.7, n))
-        if style.is_soft:
-            chance = 2.0 ** (-rng.uniform(0, 6) + rng.normal(0, 0.2, n))
+        if style.octaves:
+            *ends, deviation = style.octaves
+            chance = 2.0 ** (-rng.uniform(*ends) + rng.normal(0, deviation, n))
         if style.is_sparse:
-            chance = 2.0 ** (-rng.uniform(2.5, 7) + rng.normal(0, 0.3, n))
             ambient *= 2.0 ** rng.uniform(-1, 2) * max(direct.mean(), 0.05) / ambient.mean()
         chance = np.clip(chance, 2.0**-8, 1)[number]
         view = (albedo * (direct + ambient))[::rng.choice([-1, 1]), ::rng.choice([-1, 1])]
         self.view = np.roll(view, rng.integers(0, w, 2), (0, 1)).reshape(-1, 3)
-        shine = (rng.random(n) < rng.uniform(0, 0.4)) * rng.uniform(0.02, 0.5, n)
-        metal = (rng.random(n) < rng.uniform(0, 0.2))
-        if style.is_soft:
-            shine, metal = shine * 0.1, metal & False
+        shine = (rng.random(n) < rng.uniform(0, 0.4)) * rng.uniform(0.02, 0.5, n) * style.shine
+        metal = rng.random(n) < rng.uniform(0, style.metals)
         mirror = np.where(metal[number][..., None], albedo, shine[number][..., None])
         self.rough = int(rng.integers(0, 10) * SIDE * (rng.random() < 0.7))
         matt = np.where(metal[number][..., None], 0, albedo)
