@@ -9,7 +9,7 @@ import numpy as np
 
 from export.pixels import Frame
 from export.quantizer import Quantizer
-from export.reference import NARROW_MAX, WIDE_MAX, FloatModel, IntModel, denoise
+from export.reference import NARROW_MAX, FloatModel, IntModel, denoise
 from training import color
 
 TAPS, SIGMA, C1, C2 = 11, 1.5, 0.01**2, 0.03**2  # SSIM
@@ -77,7 +77,7 @@ def layer_table(q: Quantizer) -> list[str]:
     for layer, made in zip(q.net.layers, q.model.layers, strict=True):
         name = layer.name
         signal = noise = 0.0
-        top = WIDE_MAX if name in q.wide else NARROW_MAX
+        top = q.tops.get(name, NARROW_MAX)
         full, count, alive = 0, 0, np.zeros(made.outputs, bool)
         for floats, codes in zip(q.floats, q.codes, strict=True):
             wanted, got = floats[name].astype(np.float64), codes[name]

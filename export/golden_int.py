@@ -24,7 +24,7 @@ import numpy as np
 from export.graph import Layer, Net, read_nets
 from export.pairs import safe
 from export.quantize import integer_tensors, write_integer
-from export.reference import NARROW_MAX, WIDE_MAX, IntLayer, IntModel, load_model
+from export.reference import MIDDLE_MAX, NARROW_MAX, WIDE_MAX, IntLayer, IntModel, load_model
 
 ROOT = Path(__file__).resolve().parent.parent
 OUTPUTS = 3
@@ -42,6 +42,7 @@ class Case:
     widths: tuple[int, ...]
     shift: int             # of layers with wide and narrow inputs
     wide: tuple[str, ...] = ()  # layers with wide outputs beside the compulsory ones
+    middle: tuple[str, ...] = ()  # and with 13-bit ones
     extreme: bool = False  # only the largest weights that are allowed, and inputs of 0 and 1
 
 
@@ -58,9 +59,9 @@ CASES = (
          wide=("enc_conv0", "enc_conv5a", "enc_conv5b", "dec_conv4a", "dec_conv4b", "dec_conv3a",
                "dec_conv3b", "dec_conv2a", "dec_conv2b", "dec_conv1a")),
     Case("int_unet_9_patches", "unet", 32, 48, 9,
-         (16, 16, 32, 48, 7, 8, 5, 6, 8, 16, 32, 16, 16, 16, 16), 7, wide=("dec_conv1a",)),
+         (16, 16, 32, 48, 7, 8, 5, 6, 8, 16, 32, 16, 16, 16, 16), 7, middle=("dec_conv1a",)),
     Case("int_unet_3_patches_extreme", "unet", 16, 32, 3,
-         (16, 48, 16, 16, 5, 4, 5, 6, 5, 48, 16, 16, 32, 48, 32), 3, wide=("dec_conv1a",),
+         (16, 48, 16, 16, 5, 4, 5, 6, 5, 48, 16, 16, 32, 48, 32), 3, middle=("dec_conv1a",),
          extreme=True),
     Case("int_unet_large_9_mixed", "unet_large", 32, 16, 9,
          (5, 7, 8, 6, 9, 7, 8, 11, 12, 5, 9, 7, 8, 6, 7, 5, 6, 7), 6),
@@ -83,8 +84,10 @@ def random_weights(rng: np.random.Generator, shape: tuple[int, ...], narrow: boo
 def random_layer(rng: np.random.Generator, case: Case, net: Net, layer: Layer,
                  maps: dict[str, np.ndarray], o: int) -> IntLayer:
     """A layer whose output uses its range, given the codes of its inputs."""
-    wide = {name: name in net.wide or name in case.wide
-            for name in (layer.source, layer.skip, layer.name)}
+    top = {name: WIDE_MAX if name in net.wide or name in case.wide
+           else MIDDLE_MAX if name in case.middle else NARROW_MAX
+           for name in (layer.source, layer.skip, layer.name)}
+    wide = {name: most > NARROW_MAX for name, most in top.items()}
     rows, k = (4 * o, 2) if layer.up else (o, 3)
     weight = random_weights(rng, (rows, maps[layer.source].shape[2], k, k),
                             not wide[layer.source], case.extreme)
@@ -92,18 +95,17 @@ def random_layer(rng: np.random.Generator, case: Case, net: Net, layer: Layer,
     if layer.skip:
         skip = random_weights(rng, (o, maps[layer.skip].shape[2], 3, 3), not wide[layer.skip],
                               case.extreme)
-    out_max = WIDE_MAX if wide[layer.name] else NARROW_MAX
+    out_max = top[layer.name]
     mixed = layer.skip is not None and wide[layer.source] != wide[layer.skip]
     trial = IntLayer(layer, weight, skip, np.zeros(o, np.int32), np.zeros(o, np.float32),
-                     case.shift if mixed else 0, WIDE_MAX if wide[layer.source] else NARROW_MAX,
-                     WIDE_MAX if wide[layer.skip] else NARROW_MAX, out_max)
+                     case.shift if mixed else 0, top[layer.source], top[layer.skip], out_max)
     height = maps[layer.source].shape[0] * (2 if layer.up else 1)
     a = trial.accumulate(maps, 0, height).reshape(-1, o)
     middle = np.sort(a, 0)[len(a) // 2]
     spread = np.maximum(np.abs(a - middle).max(0), 1)
     bias = (spread * rng.uniform(0.1, 0.5, o)).astype(np.int64) - middle
-    top = np.maximum((a + bias).max(0), 1) * rng.uniform(0.8, 1.1, o)  # some saturate
-    scale = np.minimum(out_max / top, 0.499).astype(np.float32)
+    most = np.maximum((a + bias).max(0), 1) * rng.uniform(0.8, 1.1, o)  # some saturate
+    scale = np.minimum(out_max / most, 0.499).astype(np.float32)
     return IntLayer(layer, weight, skip, bias.astype(np.int32), scale, trial.shift,
                     trial.source_max, trial.skip_max, out_max)
 

@@ -40,7 +40,7 @@ class Net:
 
     @property
     def wide(self) -> frozenset[str]:
-        """Tensors of any integer model with 15-bit codes; its file may name others."""
+        """Tensors of any integer model with 15-bit codes; its file may name other wide ones."""
         return frozenset(("input", self.last.source, self.last.name))
 
 

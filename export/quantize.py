@@ -89,7 +89,7 @@ def arguments() -> argparse.ArgumentParser:
         help="0: one range per tensor ... 1: one per channel "
              f"(default {Options.equalize})")
     add("--wide", nargs="*", metavar="LAYER",
-        help="layers with 15-bit outputs; default: the third last, without which smooth gradients "
+        help="layers with 13-bit outputs; default: the third last, without which smooth gradients "
              "show bands; none named: only the compulsory ones, which is fastest")
     add("--nearest", action="store_true", help="round weights to nearest, not by their effect")
     add("--report", action="store_true",
@@ -100,7 +100,7 @@ def arguments() -> argparse.ArgumentParser:
 
 
 def wide_tensors(net: Net, names: list[str] | None) -> tuple[str, ...]:
-    """Layers with 15-bit outputs beside the compulsory ones: those named, else the usual one."""
+    """Layers with 13-bit outputs beside the compulsory ones: those named, else the usual one."""
     if names is None:
         return second_last(net)
     for layer in net.layers:

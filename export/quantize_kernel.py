@@ -26,7 +26,7 @@ class KernelQuantizer(Quantizer):
 
     def __init__(self, model: kernel.FloatTrunk, inputs: Sequence[np.ndarray], options: Options):
         super().__init__(model, inputs, options)
-        self.wide = set()
+        self.tops = {}
 
     def _steps(self, name: str, channels: int) -> np.ndarray:
         if name == "input":

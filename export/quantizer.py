@@ -9,7 +9,16 @@ import numpy as np
 from export.convolve import pooled, taps_3x3
 from export.fit import Fit, evenly, make_fit, second_moments
 from export.graph import Layer, Net
-from export.reference import INT32, NARROW_MAX, SHIFT_MAX, WIDE_MAX, FloatModel, IntLayer, IntModel
+from export.reference import (
+    INT32,
+    MIDDLE_MAX,
+    NARROW_MAX,
+    SHIFT_MAX,
+    WIDE_MAX,
+    FloatModel,
+    IntLayer,
+    IntModel,
+)
 from export.rounding import Problem, nearest, rounded
 
 SCALE_MAX = 0.499   # of requantisation; the format's bound is 0.5
@@ -28,7 +37,7 @@ class Options:
     percentile: float = 99.99
     headroom: float = 1.2      # factor on those ranges
     wide_headroom: float = 2.0  # and on the range of the last layer's source, where bits abound
-    wide: tuple[str, ...] | None = None  # layers with 15-bit outputs; None: second_last(net)
+    wide: tuple[str, ...] | None = None  # layers with 13-bit outputs; None: second_last(net)
     equalize: float = 0.5      # 0: one range per tensor ... 1: every channel has its own
     refine: bool = True        # round weights by their effect (rounding.py) instead of to nearest
     correct_bias: bool = True  # take each layer's error out of its biases
@@ -77,7 +86,7 @@ class Quantizer:
                  log: Callable[[str], None] = lambda line: None):
         self.source, self.net, self.options, self.log = model, model.net, options, log
         wide = second_last(self.net) if options.wide is None else options.wide
-        self.wide = set(self.net.wide) | set(wide)
+        self.tops = dict.fromkeys(wide, MIDDLE_MAX) | dict.fromkeys(self.net.wide, WIDE_MAX)
         self.inputs = [np.asarray(x, np.float32) for x in inputs]
         self.floats = [model.maps(x) for x in self.inputs]
         self.codes: list[dict[str, np.ndarray]] = []
@@ -114,8 +123,8 @@ class Quantizer:
                         for c in range(channels)])
         most = own.max(initial=0.0) or 1.0  # a tensor that is never active: anything will do
         own = most * np.maximum(own / most, QUIET) ** o.equalize
-        if name in self.wide:
-            return own * o.wide_headroom / WIDE_MAX
+        if name in self.tops:
+            return own * o.wide_headroom / self.tops[name]
         return own * o.headroom / NARROW_MAX
 
     def _unit(self, fit: Fit, shift: int, bias: np.ndarray) -> np.ndarray:
@@ -140,7 +149,7 @@ class Quantizer:
     def _layer(self, layer: Layer) -> IntLayer:
         weight = self.source.tensors[f"{layer.name}.weight"]
         bias = self.source.tensors[f"{layer.name}.bias"].astype(np.float64)
-        fit = make_fit(layer, weight, self.steps, tuple(self.wide))
+        fit = make_fit(layer, weight, self.steps, tuple(self.tops))
         moments = second_moments(fit, self.codes, self.options.samples)
         shift = self._shift(fit, moments, bias)
         counts, unit = fit.counts(shift), self._unit(fit, shift, bias)
@@ -156,7 +165,7 @@ class Quantizer:
         def made(value: np.ndarray) -> IntLayer:
             return IntLayer(layer, weights[0], weights[1] if layer.skip else None,
                             np.rint(value / unit).astype(np.int32), scale, shift,
-                            *(WIDE_MAX if t in self.wide else NARROW_MAX
+                            *(self.tops.get(t, NARROW_MAX)
                               for t in (layer.source, layer.skip, layer.name)))
 
         if self.options.correct_bias:

@@ -16,6 +16,7 @@ from export.pixels import Frame
 from export.tza import Reader, TzaError
 
 NARROW_MAX, WIDE_MAX = 255, 32767
+MIDDLE_MAX = 8191  # of wide codes that may be made in patches
 PAIR_MAX = 128   # bound of a pair's positive and of its negative weights
 WEIGHT_MAX = 127
 SHIFT_MAX = 15
@@ -77,7 +78,7 @@ class IntLayer:
     bias: np.ndarray         # int32 [O]
     scale: np.ndarray        # float32 [O]
     shift: int
-    source_max: int          # largest code of the source: 255 or 32767
+    source_max: int          # largest code of the source: 255, 8191 or 32767
     skip_max: int
     out_max: int
 
@@ -196,9 +197,9 @@ def check_layer(x: IntLayer, file: str) -> None:
             raise ModelError(f"{file}: tensor '{tensor}' is not pair-safe")
     if not (np.isfinite(x.scale).all() and (x.scale >= 0).all() and (x.scale < 0.5).all()):
         raise ModelError(f"{file}: tensor '{name}.scale' has values outside [0, 0.5)")
-    if x.out_max != NARROW_MAX and (x.out_max != WIDE_MAX or x.layer.pool):
+    if x.out_max != NARROW_MAX and (x.out_max not in (MIDDLE_MAX, WIDE_MAX) or x.layer.pool):
         raise ModelError(f"{file}: tensor '{name}.max' is {x.out_max}, not {NARROW_MAX}"
-                         + ("" if x.layer.pool else f" or {WIDE_MAX}"))
+                         + ("" if x.layer.pool else f", {MIDDLE_MAX} or {WIDE_MAX}"))
     if not 0 <= x.shift <= SHIFT_MAX:
         raise ModelError(f"{file}: tensor '{name}.shift' is outside 0..{SHIFT_MAX}")
     wide = x.sums(wide=True) * WIDE_MAX + ((1 << x.shift) >> 1)

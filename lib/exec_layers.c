@@ -81,7 +81,6 @@ static void conv_row(const lull_plan *plan, unsigned l, uint8_t *out, const int3
     const lull_layer *layer = &plan->model->graph.layer[l];
     const lull_packed_layer *packed = &plan->model->layer[l];
     const lull_kernels *kernels = &plan->model->kernels;
-    int is_wide = plan->ring[l + 1].dtype == LULL_DTYPE_U15;
     int skip_first = layer->source[1] != LULL_TENSOR_NONE && /* wide segments go first */
                      plan->ring[layer->source[1]].dtype == LULL_DTYPE_U15;
     int has_source = !start || !(layer->has_patches & 1);
@@ -96,7 +95,7 @@ static void conv_row(const lull_plan *plan, unsigned l, uint8_t *out, const int3
     conv.multiplier =
         (const int32_t *)(const void *)((const uint8_t *)plan->model + packed->multiplier);
     conv.wide_shift = packed->wide_shift;
-    conv.out_max = is_wide ? 32767 : 255;
+    conv.out_max = (int32_t)lull_graph_max(&plan->model->graph, l + 1);
     conv.is_small = packed->is_small;
     conv.least = 0.0f;
     conv.outputs = layer->outputs;

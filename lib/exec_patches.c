@@ -9,7 +9,7 @@ static void make_points(lull_patches *image, const lull_plan *plan, unsigned l, 
     ptrdiff_t pixel = (ptrdiff_t)lull_ring_pixel(&plan->ring[tensor]);
     image->channels = plan->ring[tensor].channels;
     image->is_wide = plan->ring[tensor].dtype == LULL_DTYPE_U15;
-    for (unsigned i = 0; i < 6; i++)
+    for (unsigned i = 0; i < lull_patch_side(image->is_wide) + 2; i++)
         image->row[i] =
             lull_exec_source(plan, tensor, (int)(y + i) - 1) + ((ptrdiff_t)x - 1) * pixel;
     plan->model->kernels.patches_in(image);
@@ -30,16 +30,13 @@ static const uint8_t *multiply(const lull_patches *in, const lull_patches *out,
     conv.out_step = out->channels;
     conv.pixels = in->patches;
     segment->length = segment->step = in->channels / 2;
-    for (unsigned k = 0; k < LULL_PATCH_POINTS; k++) {
+    for (unsigned k = 0; k < lull_patch_points(in->is_wide); k++) {
         if (lull_patch_vanishes(out->phase, k))
             continue;
-        for (unsigned part = k; part <= k + (in->is_wide ? LULL_PATCH_POINTS : 0);
-             part += LULL_PATCH_POINTS) {
-            segment->weights = weights;
-            segment->row = in->points + part * in->plane;
-            conv.out = out->sums + part * out->plane;
-            kernels->points_int(&conv);
-        }
+        segment->weights = weights;
+        segment->row = in->points + k * in->plane;
+        conv.out = out->sums + k * out->plane;
+        kernels->points_int(&conv);
         weights += bytes;
     }
     return weights;
@@ -65,7 +62,7 @@ static void make_phases(lull_patches *in, lull_patches *out, const lull_plan *pl
     }
 }
 
-/* Four rows of pixels from y on (before pooling) of a source that is not upsampled: rows of the
+/* The rows of one patch from y on (before pooling) of a source that is not upsampled: rows of the
  * layer's tensor, which start from `start` if it has phases, or else, of a skip, what its
  * convolution starts from. */
 static void make_rows(lull_patches *in, lull_patches *out, const lull_plan *plan, unsigned l,
@@ -73,21 +70,21 @@ static void make_rows(lull_patches *in, lull_patches *out, const lull_plan *plan
 {
     const lull_layer *layer = &plan->model->graph.layer[l];
     const lull_packed_layer *packed = &plan->model->layer[l];
-    unsigned source = layer->has_patches >> 1;
+    unsigned source = layer->has_patches >> 1, side = lull_layer_patch_side(&plan->model->graph, l);
     size_t pixel = lull_ring_pixel(&plan->ring[l + 1]);
-    in->patches = out->patches = n / LULL_PATCH_SIDE;
+    in->patches = out->patches = n / side;
     make_points(in, plan, l, source, x, y);
-    out->phase = LULL_PATCH_WHOLE;
+    out->is_wide = in->is_wide;
+    out->phase = in->is_wide ? LULL_PATCH_WIDE : LULL_PATCH_WHOLE;
     multiply(in, out, &plan->model->kernels,
              (const uint8_t *)plan->model + packed->patches[source]);
-    out->is_wide = in->is_wide;
     out->shift = in->is_wide ? packed->wide_shift : 0;
     out->is_pooled = layer->pool;
     out->is_raw = source && !lull_layer_has_phases(layer);
     out->raw_step = out->channels;
     out->start = lull_layer_has_phases(layer) ? start : NULL;
     out->start_row = row;
-    for (unsigned i = 0; i < LULL_PATCH_SIDE >> layer->pool; i++)
+    for (unsigned i = 0; i < side >> layer->pool; i++)
         out->out[i] = out->is_raw ? (uint8_t *)(start + i * row)
                                   : lull_exec_row(plan, l + 1, (y >> layer->pool) + i) +
                                         (x >> layer->pool) * pixel;
@@ -102,6 +99,7 @@ void lull_exec_patches(const lull_task *t, unsigned x, unsigned y, unsigned n, u
     uint8_t *base = (uint8_t *)plan->model;
     uint8_t *scratch = lull_exec_scratch(t, worker);
     unsigned rows = LULL_PATCH_SIDE << lull_layer_has_phases(layer);
+    unsigned side = lull_layer_patch_side(&plan->model->graph, t->layer);
     int32_t *start;
     lull_patches in, out;
     lull_points points;
@@ -119,12 +117,12 @@ void lull_exec_patches(const lull_task *t, unsigned x, unsigned y, unsigned n, u
     out.bias = (const int32_t *)(const void *)(base + packed->bias);
     out.multiplier = (const int32_t *)(const void *)(base + packed->multiplier);
     out.is_small = packed->is_small;
-    out.out_max = plan->ring[t->layer + 1].dtype == LULL_DTYPE_U15 ? 32767 : 255;
+    out.out_max = (int32_t)lull_graph_max(&plan->model->graph, t->layer + 1);
     y <<= layer->pool;
     if (lull_layer_has_phases(layer))
         make_phases(&in, &out, plan, t->layer, x, y, n, start, row);
     if (layer->has_patches > lull_layer_has_phases(layer))
-        for (unsigned i = 0; i < rows; i += LULL_PATCH_SIDE)
+        for (unsigned i = 0; i < rows; i += side)
             make_rows(&in, &out, plan, t->layer, x, y + i, n, start + i * row, row);
     if (layer->source[1] != LULL_TENSOR_NONE && layer->has_patches < 3)
         for (unsigned i = 0; i < rows; i++)

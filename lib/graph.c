@@ -1,5 +1,6 @@
 #include "graph.h"
 
+#include "patches.h"
 #include "winograd.h"
 
 typedef struct net_row {
@@ -71,6 +72,13 @@ int lull_layer_has_phases(const lull_layer *layer)
     return layer->has_patches & 1 && lull_layer_is_up(layer);
 }
 
+unsigned lull_layer_patch_side(const lull_graph *graph, unsigned l)
+{
+    const lull_layer *layer = &graph->layer[l];
+    return lull_patch_side(layer->has_patches == 1 &&
+                           lull_graph_dtype(graph, layer->source[0]) == LULL_DTYPE_U15);
+}
+
 /* Number of the tensor called `name` among those made so far; LULL_TENSOR_NONE if there is none. */
 static uint8_t tensor_called(const lull_graph *graph, const char *name)
 {
@@ -106,6 +114,13 @@ unsigned lull_graph_level(const lull_graph *graph, unsigned tensor)
     return (unsigned)graph->layer[tensor - 1].level + graph->layer[tensor - 1].pool;
 }
 
+unsigned lull_graph_max(const lull_graph *graph, unsigned tensor)
+{
+    if (graph->family == LULL_FAMILY_K)
+        return 255;
+    return (1u << (tensor == LULL_TENSOR_INPUT ? 15 : graph->layer[tensor - 1].bits)) - 1;
+}
+
 lull_dtype lull_graph_dtype(const lull_graph *graph, unsigned tensor)
 {
     if (!graph->is_integer || tensor > LULL_MAX_LAYERS)
@@ -114,8 +129,7 @@ lull_dtype lull_graph_dtype(const lull_graph *graph, unsigned tensor)
         return tensor == LULL_TENSOR_INPUT || lull_layer_is_conv(&graph->layer[tensor - 1])
                    ? LULL_DTYPE_U8
                    : LULL_DTYPE_F32;
-    return tensor == LULL_TENSOR_INPUT || graph->layer[tensor - 1].is_wide ? LULL_DTYPE_U15
-                                                                           : LULL_DTYPE_U8;
+    return lull_graph_max(graph, tensor) > 255 ? LULL_DTYPE_U15 : LULL_DTYPE_U8;
 }
 
 size_t lull_dtype_bytes(lull_dtype dtype)
@@ -339,9 +353,9 @@ static unsigned reach(const lull_graph *graph, int is_exact)
     return (unsigned)lull_align_up(field, align);
 }
 
-/* Family U: which outputs have 15-bit codes. Those of the last layer and its source, unless the
+/* Family U: the outputs' largest codes. Wide are those of the last layer and its source, unless the
  * file says otherwise, and those that it names. */
-static lull_status read_widths(lull_graph *graph, const lull_tza *tza)
+static lull_status read_maxima(lull_graph *graph, const lull_tza *tza)
 {
     unsigned last = graph->layers;
     for (unsigned i = 0; i < last; i++) {
@@ -353,9 +367,9 @@ static lull_status read_widths(lull_graph *graph, const lull_tza *tza)
             return LULL_ERROR_NETWORK;
         if (tensors.max.rank)
             max = lull_tza_int(&tensors.max, 0);
-        if (max != 255 && (max != 32767 || layer->pool))
+        if (max != 255 && ((max != LULL_PATCH_WIDE_MAX && max != 32767) || layer->pool))
             return LULL_ERROR_NETWORK;
-        layer->is_wide = max == 32767;
+        layer->bits = max == 255 ? 8 : max == LULL_PATCH_WIDE_MAX ? 13 : 15;
     }
     return LULL_OK;
 }
@@ -381,7 +395,7 @@ lull_status lull_graph_build(lull_graph *graph, const lull_tza *tza)
     if (status == LULL_OK && graph->family == LULL_FAMILY_K)
         status = add_filters(graph);
     if (status == LULL_OK && graph->family == LULL_FAMILY_U && graph->is_integer)
-        status = read_widths(graph, tza);
+        status = read_maxima(graph, tza);
     if (status != LULL_OK)
         return status;
     choose_forms(graph);

@@ -56,7 +56,7 @@ typedef struct lull_layer {
     uint8_t reads[LULL_MAX_SOURCES];
     uint16_t outputs;    /* channels */
     uint8_t first;       /* the first of them in the weights file: level 0's head is two layers */
-    uint8_t is_wide;     /* integer models: the output has 15-bit codes */
+    uint8_t bits;        /* integer models: of the output's codes: 8, or 13 or 15 in words */
     uint8_t is_winograd; /* fp32: computed in Winograd's form, two rows together */
     uint8_t has_patches; /* integers: sources packed for patches, too: 1 the first, 2 the second, or
                           * both; then four rows are made together, or eight of what has phases */
@@ -93,6 +93,8 @@ const char *lull_layer_name(const lull_layer *layer);
 unsigned lull_graph_channels(const lull_graph *graph, unsigned tensor);
 unsigned lull_graph_level(const lull_graph *graph, unsigned tensor);
 lull_dtype lull_graph_dtype(const lull_graph *graph, unsigned tensor);
+/* The largest code of a tensor of an integer model. */
+unsigned lull_graph_max(const lull_graph *graph, unsigned tensor);
 
 /* 1 if rows of the tensor are planes, one for each channel: those of the filter's layers and the
  * albedo; other rows interleave the channels. 2 if a plane of bytes follows. */
@@ -104,6 +106,8 @@ int lull_layer_is_conv(const lull_layer *layer);
 int lull_layer_is_up(const lull_layer *layer);
 /* 1 if that one is packed for patches, too. */
 int lull_layer_has_phases(const lull_layer *layer);
+/* Rows and columns of the patches of layer l, if it is packed for them (patches.h). */
+unsigned lull_layer_patch_side(const lull_graph *graph, unsigned l);
 
 /* Outputs that no layer before makes, too. */
 unsigned lull_layer_own_outputs(const lull_layer *layer);

@@ -149,8 +149,9 @@ typedef struct lull_curve {
 /* What of a network's integer layers is faster in patches (patches.h) than by conv_int. */
 enum {
     LULL_PATCHES_NONE,
-    LULL_PATCHES_OWN, /* sources of a layer's own resolution */
-    LULL_PATCHES_UP   /* upsampled ones, too */
+    LULL_PATCHES_WIDE, /* wide sources of a layer's own resolution */
+    LULL_PATCHES_OWN,  /* narrow ones, too */
+    LULL_PATCHES_UP    /* upsampled ones, too */
 };
 
 typedef struct lull_kernels {

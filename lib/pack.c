@@ -308,7 +308,8 @@ static size_t layout(lull_packed_layer *packed, const lull_graph *graph,
         packed->multiplier = lull_append(&total, outputs * 4);
     for (unsigned s = 0; s < 2; s++)
         if (graph->layer[l].has_patches >> s & 1) {
-            unsigned points = LULL_PATCH_POINTS;
+            unsigned points = lull_patch_points(lull_layer_patch_side(graph, l) ==
+                                                LULL_PATCH_WIDE_SIDE);
             if (s == 0 && lull_layer_has_phases(&graph->layer[l]))
                 points = LULL_PATCH_WHOLE * LULL_PATCH_PHASE_POINTS;
             packed->patches[s] =
@@ -335,9 +336,11 @@ static void pack_layer(lull_model *model, unsigned l, const lull_tza *tza)
     for (unsigned s = 0; s < 2; s++) {
         int16_t *to = (int16_t *)(void *)(base + packed->patches[s]);
         int phases = s == 0 && lull_layer_has_phases(layer);
+        unsigned phase = phases ? 0 : LULL_PATCH_WHOLE, end = LULL_PATCH_WHOLE + !phases;
+        if (lull_layer_patch_side(&model->graph, l) == LULL_PATCH_WIDE_SIDE)
+            phase = LULL_PATCH_WIDE, end = LULL_PATCH_WIDE + 1;
         if (layer->has_patches >> s & 1)
-            for (unsigned phase = phases ? 0 : LULL_PATCH_WHOLE;
-                 phase < LULL_PATCH_WHOLE + !phases; phase++)
+            for (; phase < end; phase++)
                 to = lull_pack_patches(to, taps_of(&model->graph, &tensors, s), layer->outputs,
                                        lull_layer_inputs(&model->graph, layer, s), lanes, phase);
     }
@@ -374,13 +377,18 @@ LULL_NOINLINE static int fits_patches(const lull_graph *graph, const lull_layer 
     unsigned is_up = s == 0 && lull_layer_is_up(layer);
     unsigned inputs = lull_layer_inputs(graph, layer, s);
     unsigned step = 1u << (graph->levels - layer->level), side = LULL_PATCH_SIDE << is_up;
+    int is_wide = lull_graph_dtype(graph, layer->source[s]) == LULL_DTYPE_U15;
     lull_layer_tensors tensors;
+    if (is_wide &&
+        (layer->pool || lull_graph_max(graph, layer->source[s]) > LULL_PATCH_WIDE_MAX))
+        return 0;
     if (!inputs || inputs % LULL_PATCH_CHANNELS || layer->outputs % LULL_PATCH_CHANNELS ||
         step % side)
         return 0;
     lull_graph_tensors(&tensors, layer, tza);
     return lull_pack_fits_patches(taps_of(graph, &tensors, s),
-                                  (is_up ? 4 : 1) * layer->outputs, (is_up ? 4 : 9) * inputs);
+                                  (is_up ? 4 : 1) * layer->outputs, (is_up ? 4 : 9) * inputs,
+                                  is_wide);
 }
 
 /* Marks the sources of integer layers to pack for patches: the first if it is a layer's only one,
@@ -391,13 +399,17 @@ static void choose_patches(lull_graph *graph, const lull_kernels *kernels, const
     for (unsigned l = 0; l < graph->layers; l++) {
         lull_layer *layer = &graph->layer[l];
         int is_up = lull_layer_is_up(layer), has_skip = layer->source[1] != LULL_TENSOR_NONE;
-        int is_narrow = lull_graph_dtype(graph, layer->source[0]) == LULL_DTYPE_U8;
+        int is_narrow = lull_graph_dtype(graph, layer->source[0]) == LULL_DTYPE_U8, takes_source;
         if (takes == LULL_PATCHES_NONE || !graph->is_integer || layer->op != LULL_OP_CONV)
             continue;
-        if ((is_up ? takes == LULL_PATCHES_UP && is_narrow : !has_skip) &&
-            fits_patches(graph, layer, 0, tza))
+        if (is_up)
+            takes_source = is_narrow && takes >= LULL_PATCHES_UP;
+        else
+            takes_source = !has_skip && (!is_narrow || takes >= LULL_PATCHES_OWN);
+        if (takes_source && fits_patches(graph, layer, 0, tza))
             layer->has_patches = 1;
-        if (has_skip && lull_graph_dtype(graph, layer->source[1]) == LULL_DTYPE_U8 &&
+        if (has_skip && takes >= LULL_PATCHES_OWN &&
+            lull_graph_dtype(graph, layer->source[1]) == LULL_DTYPE_U8 &&
             fits_patches(graph, layer, 1, tza))
             layer->has_patches |= 2;
     }

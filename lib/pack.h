@@ -39,14 +39,15 @@ double lull_pack_point(const double *taps, const double *column, const double *r
 void lull_pack_winograd(float *out, const lull_tza_tensor *weight, unsigned outputs,
                         unsigned channels, unsigned offset, unsigned lanes, int is_up);
 
-/* Weights of patches, of a phase or LULL_PATCH_WHOLE, at the points that do not vanish:
- * [point][output / lanes][channel / 2][output % lanes][channel % 2]. Returns their end. */
+/* Weights of patches, of a phase, LULL_PATCH_WHOLE or LULL_PATCH_WIDE, at the points that do not
+ * vanish: [point][output / lanes][channel / 2][output % lanes][channel % 2]. Returns their end. */
 int16_t *lull_pack_patches(int16_t *out, const lull_tza_tensor *weight, unsigned outputs,
                            unsigned channels, unsigned lanes, unsigned phase);
 
-/* 1 if no pixel's sum over bytes can leave what patches know of it; sums: how many there are, each
- * of `taps` weights. */
-int lull_pack_fits_patches(const lull_tza_tensor *weight, unsigned sums, unsigned taps);
+/* 1 if no pixel's sum over bytes, or over wide codes up to LULL_PATCH_WIDE_MAX, can leave what
+ * patches know of it; sums: how many there are, each of `taps` weights. */
+int lull_pack_fits_patches(const lull_tza_tensor *weight, unsigned sums, unsigned taps,
+                           int is_wide);
 
 /* 1 if layer l is one for conv_int3. */
 int lull_pack_is_int3(const lull_graph *graph, const lull_kernels *kernels, unsigned l);

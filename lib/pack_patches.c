@@ -6,15 +6,21 @@
 static const double side_points[6][3] = {{6, 0, 0}, {-4, -4, -4}, {-4, 4, -4},
                                          {1, 2, 4}, {1, -2, 4},   {0, 0, 6}};
 
-int lull_pack_fits_patches(const lull_tza_tensor *weight, unsigned sums, unsigned taps)
+/* On wide codes: twice the sum. */
+static const double wide_points[4][3] = {{2, 0, 0}, {1, 1, 1}, {1, -1, 1}, {0, 0, 2}};
+
+int lull_pack_fits_patches(const lull_tza_tensor *weight, unsigned sums, unsigned taps,
+                           int is_wide)
 {
+    int64_t most = is_wide ? LULL_PATCH_WIDE_MAX : 255;
+    int64_t limit = is_wide ? LULL_PATCH_WIDE_LIMIT : LULL_PATCH_LIMIT;
     for (unsigned o = 0; o < sums; o++) {
         int64_t sum = 0;
         for (size_t i = 0; i < taps; i++) {
             float w = lull_tza_float(weight, (size_t)o * taps + i);
             sum += (int)(w < 0 ? -w : w);
         }
-        if (sum * 255 >= LULL_PATCH_LIMIT)
+        if (sum * most >= limit)
             return 0;
     }
     return 1;
@@ -37,8 +43,9 @@ static void read_taps(double *taps, const lull_tza_tensor *weight, unsigned outp
 int16_t *lull_pack_patches(int16_t *out, const lull_tza_tensor *weight, unsigned outputs,
                            unsigned channels, unsigned lanes, unsigned phase)
 {
+    const double(*side)[3] = phase == LULL_PATCH_WIDE ? wide_points : side_points;
+    unsigned n = phase == LULL_PATCH_WIDE ? 4 : 6, points = 0;
     size_t whole = lull_align_up(outputs, lanes);
-    unsigned points = 0;
     for (unsigned o = 0; o < whole; o++)
         for (unsigned c = 0; c < channels; c++) {
             size_t block = (size_t)(o / lanes) * (channels / 2) + c / 2;
@@ -46,10 +53,10 @@ int16_t *lull_pack_patches(int16_t *out, const lull_tza_tensor *weight, unsigned
             double taps[9];
             read_taps(taps, weight, outputs, o, channels, c, phase);
             points = 0;
-            for (unsigned k = 0; k < LULL_PATCH_POINTS; k++)
+            for (unsigned k = 0; k < n * n; k++)
                 if (!lull_patch_vanishes(phase, k)) /* an integer, at most 12 * 12 * 127 */
                     to[points++ * whole * channels] =
-                        (int16_t)lull_pack_point(taps, side_points[k / 6], side_points[k % 6]);
+                        (int16_t)lull_pack_point(taps, side[k / n], side[k % n]);
         }
     return out + points * whole * channels;
 }

@@ -6,6 +6,7 @@
  * within this many bytes (half of a small L2 cache). */
 #define TASK_BYTES (192u << 10)
 #define WINOGRAD_TASK_BYTES (320u << 10) /* likewise the points of a task */
+#define WIDE_TASK_BYTES (160u << 10)     /* and those of wide codes */
 #define CHUNK_STEP 24u /* columns of a task are multiples of this: even, and whole kernel tiles */
 #define BORDER 2u      /* pixels of zeros beside a row; on the left aligned, see lull_ring_left */
 #define ROW_SLACK 16u  /* readable bytes after a row's right border */
@@ -241,11 +242,10 @@ static void patch_planes(unsigned count[3], size_t bytes[3], const lull_plan *pl
 {
     const lull_graph *graph = &plan->model->graph;
     const lull_layer *layer = &graph->layer[l];
-    unsigned has_phases = lull_layer_has_phases(layer), first = layer->source[0];
-    unsigned is_wide = layer->has_patches == 1 && lull_graph_dtype(graph, first) == LULL_DTYPE_U15;
+    unsigned has_phases = lull_layer_has_phases(layer), side = lull_layer_patch_side(graph, l);
     memset(bytes, 0, 3 * sizeof *bytes);
     for (unsigned s = 0; s < 2; s++) {
-        size_t patches = columns / LULL_PATCH_SIDE >> (s == 0 && has_phases);
+        size_t patches = columns / side >> (s == 0 && has_phases);
         size_t points = patches * lull_layer_inputs(graph, layer, s) * sizeof(int16_t);
         size_t sums = patches * layer->outputs * sizeof(int32_t);
         if (!(layer->has_patches >> s & 1))
@@ -255,7 +255,7 @@ static void patch_planes(unsigned count[3], size_t bytes[3], const lull_plan *pl
     }
     if (has_phases || layer->has_patches > 1)
         bytes[1] = (size_t)columns * layer->outputs * sizeof(int32_t);
-    count[0] = count[2] = LULL_PATCH_POINTS << is_wide;
+    count[0] = count[2] = lull_patch_points(side == LULL_PATCH_WIDE_SIDE);
     count[1] = LULL_PATCH_SIDE << has_phases;
 }
 
@@ -285,7 +285,9 @@ unsigned lull_plan_chunk(const lull_plan *plan, unsigned l)
         planes_of(planes, bytes, plan, l, step / 12);
         for (unsigned i = 0; i < 3; i++)
             patch += planes[i] * (unsigned)bytes[i];
-        most = lull_max_u(WINOGRAD_TASK_BYTES / 12 / patch, 1) * step;
+        most = lull_layer_patch_side(graph, l) == LULL_PATCH_WIDE_SIDE ? WIDE_TASK_BYTES
+                                                                       : WINOGRAD_TASK_BYTES;
+        most = lull_max_u(most / 12 / patch, 1) * step;
         count = (width + most - 1) / most;
         rows = lull_max_u(rows / (lull_plan_rows(plan, l) << layer->pool), 1);
     }

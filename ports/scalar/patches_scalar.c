@@ -28,29 +28,49 @@ static void make_points(int16_t *points, size_t plane, const int16_t d[36])
         make_side(points + 6 * i * plane, plane, half + 6 * i, 1);
 }
 
-/* Code of channel `at` of the row, or its high or low byte. */
-static int16_t code(const lull_patches *image, unsigned row, size_t at, unsigned is_low)
+/* Four points likewise. */
+static void make_wide_side(int16_t *to, size_t to_step, const int16_t *d, size_t step)
 {
-    uint16_t word;
+    int d0 = d[0], d1 = d[step], d2 = d[2 * step], d3 = d[3 * step];
+    to[0] = (int16_t)(d0 - d2);
+    to[to_step] = (int16_t)(d1 + d2);
+    to[2 * to_step] = (int16_t)(d2 - d1);
+    to[3 * to_step] = (int16_t)(d1 - d3);
+}
+
+/* Points of one channel of a patch of wide codes: d are its 4x4 codes. */
+static void make_wide_points(int16_t *points, size_t plane, const int16_t d[16])
+{
+    int16_t half[16];
+    for (unsigned i = 0; i < 4; i++)
+        make_wide_side(half + i, 4, d + i, 4);
+    for (unsigned i = 0; i < 4; i++)
+        make_wide_side(points + 4 * i * plane, plane, half + 4 * i, 1);
+}
+
+static int16_t code(const lull_patches *image, unsigned row, size_t at)
+{
+    int16_t word;
     if (!image->is_wide)
         return image->row[row][at];
     memcpy(&word, image->row[row] + 2 * at, sizeof word);
-    return (int16_t)(is_low ? word & 255 : word >> 8);
+    return word;
 }
 
 void lull_patches_in_scalar(const lull_patches *image)
 {
-    for (unsigned part = 0; part <= (image->is_wide ? 1u : 0u); part++)
-        for (unsigned p = 0; p < image->patches; p++)
-            for (unsigned c = 0; c < image->channels; c++) {
-                int16_t d[36];
-                for (unsigned i = 0; i < 36; i++)
-                    d[i] = code(image, i / 6,
-                                (size_t)(LULL_PATCH_SIDE * p + i % 6) * image->channels + c, part);
-                make_points(image->points + part * LULL_PATCH_POINTS * image->plane +
-                                (size_t)p * image->channels + c,
-                            image->plane, d);
-            }
+    unsigned side = lull_patch_side(image->is_wide), field = side + 2;
+    for (unsigned p = 0; p < image->patches; p++)
+        for (unsigned c = 0; c < image->channels; c++) {
+            int16_t d[36], *to = image->points + (size_t)p * image->channels + c;
+            for (unsigned i = 0; i < field * field; i++)
+                d[i] = code(image, i / field,
+                            (size_t)(side * p + i % field) * image->channels + c);
+            if (image->is_wide)
+                make_wide_points(to, image->plane, d);
+            else
+                make_points(to, image->plane, d);
+        }
 }
 
 /* The sums of one block: unsigned, as they may wrap. */
@@ -105,6 +125,23 @@ static void make_patch(int32_t y[16], const int32_t *sums, size_t plane, unsigne
     }
 }
 
+/* The sums of products of the 4 pixels of a patch of wide codes. */
+static void make_wide_patch(int32_t y[4], const int32_t *sums, size_t plane)
+{
+    uint32_t half[2][4];
+    for (unsigned x = 0; x < 4; x++) {
+        const int32_t *t = sums + x * plane;
+        uint32_t t1 = (uint32_t)t[4 * plane], t2 = (uint32_t)t[8 * plane];
+        half[0][x] = (uint32_t)t[0] + t1 + t2;
+        half[1][x] = t1 - t2 - (uint32_t)t[12 * plane];
+    }
+    for (unsigned i = 0; i < 2; i++) {
+        const uint32_t *t = half[i];
+        y[2 * i] = (int32_t)(t[0] + t[1] + t[2]) >> LULL_PATCH_WIDE_SHIFT;
+        y[2 * i + 1] = (int32_t)(t[1] - t[2] - t[3]) >> LULL_PATCH_WIDE_SHIFT;
+    }
+}
+
 static void store(const lull_patches *image, unsigned row, size_t at, unsigned c, int32_t a)
 {
     size_t pixel = at;
@@ -121,13 +158,14 @@ static int32_t most(int32_t a, int32_t b) { return a > b ? a : b; }
 static void patch_out(const lull_patches *image, unsigned p, unsigned c)
 {
     const int32_t *sums = image->sums + (size_t)p * image->channels + c;
-    int32_t y[16], low[16], half = 1 << image->shift >> 1;
-    make_patch(y, sums, image->plane, image->phase);
+    int32_t y[16], half = 1 << image->shift >> 1;
     if (image->is_wide) {
-        make_patch(low, sums + LULL_PATCH_POINTS * image->plane, image->plane, LULL_PATCH_WHOLE);
-        for (unsigned i = 0; i < 16; i++)
-            y[i] = (256 * y[i] + low[i] + half) >> image->shift;
+        make_wide_patch(y, sums, image->plane);
+        for (unsigned i = 0; i < 4; i++)
+            store(image, i / 2, 2 * (size_t)p + i % 2, c, (y[i] + half) >> image->shift);
+        return;
     }
+    make_patch(y, sums, image->plane, image->phase);
     for (unsigned i = 0; i < 16; i++) {
         if (!image->is_pooled) {
             store(image, i / 4, 4 * (size_t)p + i % 4, c, y[i]);

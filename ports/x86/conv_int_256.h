@@ -21,10 +21,6 @@ LULL_INLINE vec splat(const uint8_t *p)
 LULL_INLINE vec add(vec a, vec b) { return _mm256_add_epi32(a, b); }
 LULL_INLINE vec shift(vec a, unsigned n) { return _mm256_sra_epi32(a, _mm_cvtsi32_si128((int)n)); }
 
-/* For conv_int3.h. */
-#define INT3_PIXELS 3
-#define HALVES(a) (a)
-
 /* Where and how the pixels of a tile are stored. Outputs that do not fill the vectors go to `spare`
  * first: 12 pixels of one vector or 6 of two, 2 bytes each. */
 typedef struct finish {
@@ -96,14 +92,14 @@ LULL_INLINE void store_wide(const finish *f, unsigned i, vec a, vec b)
     _mm256_storeu_si256((__m256i *)(void *)(f->to + i * f->step), q);
 }
 
-LULL_INLINE void finish_2(const finish *f, int is_narrow, unsigned i, unsigned j, vec a, vec b,
+LULL_INLINE void finish_2(const finish *f, int how, unsigned i, unsigned j, vec a, vec b,
                           vec c, vec d)
 {
     a = requantise(a, f->even0, f->odd0);
     b = requantise(b, f->even1, f->odd1);
     c = requantise(c, f->even0, f->odd0);
     d = requantise(d, f->even1, f->odd1);
-    if (is_narrow) {
+    if (how & BYTES) {
         vec q = _mm256_packus_epi16(_mm256_packs_epi32(a, b), _mm256_packs_epi32(c, d));
         q = _mm256_permutevar8x32_epi32(q, _mm256_setr_epi32(0, 4, 1, 5, 2, 6, 3, 7));
         q = _mm256_min_epu8(q, _mm256_set1_epi8((char)f->max));
@@ -115,12 +111,12 @@ LULL_INLINE void finish_2(const finish *f, int is_narrow, unsigned i, unsigned j
     }
 }
 
-LULL_INLINE void finish_1(const finish *f, int is_narrow, unsigned i, unsigned j, vec a, vec b)
+LULL_INLINE void finish_1(const finish *f, int how, unsigned i, unsigned j, vec a, vec b)
 {
     uint8_t *to = f->to + i * f->step, *next = f->to + j * f->step;
     a = requantise(a, f->even0, f->odd0);
     b = requantise(b, f->even0, f->odd0);
-    if (is_narrow) {
+    if (how & BYTES) {
         vec pairs = _mm256_packs_epi32(a, b); /* a0-3 b0-3, a4-7 b4-7 */
         __m128i q = _mm_packus_epi16(_mm256_castsi256_si128(pairs),
                                      _mm256_extracti128_si256(pairs, 1));

@@ -36,7 +36,7 @@ static int slides(const lull_conv *conv) { return (void)conv, 0; }
 void CONV(const lull_conv *conv)
 {
 #if SMALL_SUMS
-    if (conv->is_small && conv->out_max <= 255) {
+    if (conv->is_small) {
         run_tiles(conv, slides(conv) ? small_shapes + 2 : small_shapes, LANES, 1);
         return;
     }

@@ -228,15 +228,15 @@ LULL_INLINE vec sum_of(const amx_sums *sums, unsigned i)
 }
 
 LULL_INLINE void finish_as(finish *f, const tile_row *row, const amx_sums *sums, unsigned p,
-                           unsigned rows, int is_narrow)
+                           unsigned rows, int how)
 {
     unsigned i = 0;
     finish_tile(f, row, p);
     for (; i + 4 <= rows; i += 4)
-        finish_four(f, is_narrow, i, sum_of(sums, i), sum_of(sums, i + 1), sum_of(sums, i + 2),
+        finish_four(f, how, i, sum_of(sums, i), sum_of(sums, i + 1), sum_of(sums, i + 2),
                     sum_of(sums, i + 3));
     for (; i < rows; i++)
-        finish_1(f, is_narrow, i, i, sum_of(sums, i), zero());
+        finish_1(f, how, i, i, sum_of(sums, i), zero());
 }
 
 /* Requantises and stores sums. */
@@ -244,9 +244,11 @@ LULL_INLINE void finish_rows(finish *f, const tile_row *row, const amx_sums *sum
                              unsigned rows)
 {
     if (f->size == 1 && row->conv->is_small)
-        finish_as(f, row, sums, p, rows, SMALL);
+        finish_as(f, row, sums, p, rows, BYTES | SMALL);
     else if (f->size == 1)
-        finish_as(f, row, sums, p, rows, 1);
+        finish_as(f, row, sums, p, rows, BYTES);
+    else if (row->conv->is_small)
+        finish_as(f, row, sums, p, rows, SMALL);
     else
         finish_as(f, row, sums, p, rows, 0);
 }
@@ -372,7 +374,7 @@ static LULL_NOINLINE void run_group(const amx_conv *a, const tile_row *row)
 {
     const lull_conv *conv = row->conv;
     finish f;
-    finish_init(&f, row, 1, conv->is_small && conv->out_max <= 255);
+    finish_init(&f, row, 1, conv->is_small);
     (!conv->wide ? run_narrow : conv->wide == conv->segments ? run_wide : run_mixed)(a, row, &f);
 }
 

@@ -17,4 +17,4 @@
 #define DOT_WIDE(sum, x, w) ADD_IN_PLACE(sum, _mm256_madd_epi16(x, w))
 
 #include "conv_int_256.h"
-#include "conv_int3.h"
+#include "conv_int3_256.h"

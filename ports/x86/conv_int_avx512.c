@@ -16,4 +16,4 @@
 
 #define SLIDE_VECTORS 1
 #include "conv_int_512.h"
-#include "conv_int3.h"
+#include "conv_int3_512.h"

@@ -14,4 +14,4 @@
 #endif
 
 #include "conv_int_256.h"
-#include "conv_int3.h"
+#include "conv_int3_256.h"

@@ -10,13 +10,12 @@
  *   finish, finish_init(&f, row, VECTORS, IS_SMALL)
  *                                        constants of the requantisation
  *   finish_tile(&f, row, p)              before the sums of the tile from pixel p on are stored
- *   finish_<VECTORS>(&f, is_narrow, i, j, ...)
+ *   finish_<VECTORS>(&f, how, i, j, ...)
  *                                        requantises and stores pixels i and j = i + 1 of the tile:
  *                                        the sums of i, then those of j; i = j: one pixel.
- *                                        is_narrow: outputs are bytes, else words; SMALL if they
- *                                        are bytes and the tile is for small sums (lull_conv)
- *   IS_SMALL                             1: it is
- *   FINISH_FOUR, finish_four(&f, is_narrow, i, ...)
+ *                                        how: BYTES and SMALL of tiles.h
+ *   IS_SMALL                             1: the tile is for small sums (lull_conv)
+ *   FINISH_FOUR, finish_four(&f, how, i, ...)
  *                                        optional: four pixels of one vector
  *   finish_end(&f, row, p, PIXELS)       after the tile
  */
@@ -48,19 +47,18 @@
     C(c##i = add(shift(add(c##i, half), count), load(start + 2 * LANES));) \
     D(d##i = add(shift(add(d##i, half), count), load(start + 3 * LANES));) \
     start += start_step;
-#define STORE(is_narrow, i, j)                                      \
-    PIXELS_PASTE(finish_, VECTORS)(&f, is_narrow, i, j, a##i B(, b##i) C(, c##i) D(, d##i), \
+#define STORE(how, i, j)                                                              \
+    PIXELS_PASTE(finish_, VECTORS)(&f, how, i, j, a##i B(, b##i) C(, c##i) D(, d##i), \
                                    a##j B(, b##j) C(, c##j) D(, d##j));
-#define STORE_NARROW(i, j) STORE(1, i, j)
-#define STORE_WIDE(i, j) STORE(0, i, j)
-#define STORE_SMALL(i, j) STORE(SMALL, i, j)
+#define STORE_BYTES(i, j) STORE(BYTES | IS_SMALL * SMALL, i, j)
+#define STORE_WORDS(i, j) STORE(IS_SMALL * SMALL, i, j)
 #if defined(FINISH_FOUR) && VECTORS == 1 && PIXELS == 12
-#define STORE_ALL(is_narrow, LIST)             \
-    finish_four(&f, is_narrow, 0, a0, a1, a2, a3); \
-    finish_four(&f, is_narrow, 4, a4, a5, a6, a7); \
-    finish_four(&f, is_narrow, 8, a8, a9, a10, a11);
+#define STORE_ALL(how, LIST)                                        \
+    finish_four(&f, (how) | IS_SMALL * SMALL, 0, a0, a1, a2, a3);   \
+    finish_four(&f, (how) | IS_SMALL * SMALL, 4, a4, a5, a6, a7);   \
+    finish_four(&f, (how) | IS_SMALL * SMALL, 8, a8, a9, a10, a11);
 #else
-#define STORE_ALL(is_narrow, LIST) FOR_PAIRS(LIST)
+#define STORE_ALL(how, LIST) FOR_PAIRS(LIST)
 #endif
 
 #define SEGMENT(ADD)                                                                 \
@@ -169,12 +167,10 @@ static void TILE(const tile_row *row)
                 SEGMENT(NARROW)
         }
         finish_tile(&f, row, p);
-        if (IS_SMALL) {
-            STORE_ALL(SMALL, STORE_SMALL)
-        } else if (f.size == 1) {
-            STORE_ALL(1, STORE_NARROW)
+        if (f.size == 1) {
+            STORE_ALL(BYTES, STORE_BYTES)
         } else {
-            STORE_ALL(0, STORE_WIDE)
+            STORE_ALL(0, STORE_WORDS)
         }
         finish_end(&f, row, p, PIXELS);
     }
@@ -186,9 +182,8 @@ static void TILE(const tile_row *row)
 #undef WIDE
 #undef SHIFT
 #undef STORE
-#undef STORE_NARROW
-#undef STORE_WIDE
-#undef STORE_SMALL
+#undef STORE_BYTES
+#undef STORE_WORDS
 #undef STORE_ALL
 #undef SEGMENT
 #undef SLIDES

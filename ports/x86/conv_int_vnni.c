@@ -13,4 +13,4 @@
 
 #define SLIDE_VECTORS 2
 #include "conv_int_512.h"
-#include "conv_int3.h"
+#include "conv_int3_512.h"

@@ -35,11 +35,13 @@ static void TILE(const tile_row *row)
     {
         const uint8_t *w = part->w, *x = part->x + p * step;
         int32_t *out = (int32_t *)conv->out + p * out_step + row->first;
+        const uint8_t *next = x + PIXELS * step; /* the next tile's, as many bytes */
         FOR_PIXELS(DECLARE)
-        for (unsigned k = part->length; k; k--, x += 4, w += 4 * LANES) {
+        for (unsigned k = part->length; k; k--, x += 4, w += 4 * LANES, next += 4 * PIXELS) {
             const uint8_t *y = x + 3 * step, *z = x + 6 * step, *t = x + 9 * step;
             vec v0 = load(w) B(, v1 = load(w + block)) C(, v2 = load(w + 2 * block))
                 D(, v3 = load(w + 3 * block)), value;
+            _mm_prefetch((const char *)next, _MM_HINT_T0);
             FOR_PIXELS(ADD)
             (void)y, (void)z, (void)t, (void)block;
         }

@@ -21,11 +21,6 @@ LULL_INLINE vec splat(const uint8_t *p)
 LULL_INLINE vec add(vec a, vec b) { return _mm512_add_epi32(a, b); }
 LULL_INLINE vec shift(vec a, unsigned n) { return _mm512_sra_epi32(a, _mm_cvtsi32_si128((int)n)); }
 
-/* For conv_int3.h: the sum of both halves. */
-#define INT3_PIXELS 4
-#define HALVES(a) \
-    _mm256_add_epi32(_mm512_castsi512_si256(a), _mm512_extracti64x4_epi64(a, 1))
-
 /* Where and how the pixels of a tile are stored. */
 typedef struct finish {
     vec even[4], odd[4]; /* twice the multipliers, those of odd lanes in even ones; small sums:
@@ -132,12 +127,12 @@ LULL_INLINE void store_wide(const finish *f, unsigned i, vec a, vec b, vec c, ve
     _mm512_mask_storeu_epi16(to + 64, f->wide1, _mm512_permutexvar_epi64(order, q));
 }
 
-#define Q(v, n) requantise(f, v, n, is_narrow == SMALL)
+#define Q(v, n) requantise(f, v, n, how & SMALL)
 
-LULL_INLINE void finish_4(const finish *f, int is_narrow, unsigned i, unsigned j, vec ai, vec bi,
+LULL_INLINE void finish_4(const finish *f, int how, unsigned i, unsigned j, vec ai, vec bi,
                           vec ci, vec di, vec aj, vec bj, vec cj, vec dj)
 {
-    if (is_narrow) {
+    if (how & BYTES) {
         _mm512_mask_storeu_epi8(f->to + i * f->step, f->narrow,
                                 pack(f, Q(ai, 0), Q(bi, 1), Q(ci, 2), Q(di, 3)));
         _mm512_mask_storeu_epi8(f->to + j * f->step, f->narrow,
@@ -148,10 +143,10 @@ LULL_INLINE void finish_4(const finish *f, int is_narrow, unsigned i, unsigned j
     }
 }
 
-LULL_INLINE void finish_3(const finish *f, int is_narrow, unsigned i, unsigned j, vec ai, vec bi,
+LULL_INLINE void finish_3(const finish *f, int how, unsigned i, unsigned j, vec ai, vec bi,
                           vec ci, vec aj, vec bj, vec cj)
 {
-    if (is_narrow) {
+    if (how & BYTES) {
         _mm512_mask_storeu_epi8(f->to + i * f->step, f->narrow,
                                 pack(f, Q(ai, 0), Q(bi, 1), Q(ci, 2), zero()));
         _mm512_mask_storeu_epi8(f->to + j * f->step, f->narrow,
@@ -162,11 +157,11 @@ LULL_INLINE void finish_3(const finish *f, int is_narrow, unsigned i, unsigned j
     }
 }
 
-LULL_INLINE void finish_2(const finish *f, int is_narrow, unsigned i, unsigned j, vec ai, vec bi,
+LULL_INLINE void finish_2(const finish *f, int how, unsigned i, unsigned j, vec ai, vec bi,
                           vec aj, vec bj)
 {
     ai = Q(ai, 0), bi = Q(bi, 1), aj = Q(aj, 0), bj = Q(bj, 1);
-    if (is_narrow) {
+    if (how & BYTES) {
         vec q = pack(f, ai, bi, aj, bj);
         _mm256_mask_storeu_epi8(f->to + i * f->step, (__mmask32)f->narrow,
                                 _mm512_castsi512_si256(q));
@@ -179,11 +174,11 @@ LULL_INLINE void finish_2(const finish *f, int is_narrow, unsigned i, unsigned j
 }
 
 /* Four pixels. */
-LULL_INLINE void finish_four(const finish *f, int is_narrow, unsigned i, vec a, vec b, vec c,
+LULL_INLINE void finish_four(const finish *f, int how, unsigned i, vec a, vec b, vec c,
                              vec d)
 {
     a = Q(a, 0), b = Q(b, 0), c = Q(c, 0), d = Q(d, 0);
-    if (is_narrow) {
+    if (how & BYTES) {
         vec q = pack(f, a, b, c, d);
         uint8_t *to = f->to + i * f->step;
         __mmask16 mask = (__mmask16)f->narrow;
@@ -204,11 +199,11 @@ LULL_INLINE void finish_four(const finish *f, int is_narrow, unsigned i, vec a, 
 }
 
 /* A lone pixel. */
-LULL_INLINE void finish_1(const finish *f, int is_narrow, unsigned i, unsigned j, vec a, vec b)
+LULL_INLINE void finish_1(const finish *f, int how, unsigned i, unsigned j, vec a, vec b)
 {
     (void)j, (void)b;
     a = Q(a, 0);
-    if (is_narrow)
+    if (how & BYTES)
         _mm_mask_storeu_epi8(f->to + i * f->step, (__mmask16)f->narrow,
                              _mm512_castsi512_si128(pack(f, a, zero(), zero(), zero())));
     else

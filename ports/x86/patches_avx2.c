@@ -23,10 +23,7 @@ LULL_INLINE void store_words(void *p, words v, unsigned n)
     _mm256_storeu_si256((__m256i *)p, v);
 }
 
-#define load_codes(p, n, what)                                                       \
-    ((what) == HIGH  ? _mm256_srli_epi16(load_words(p, n), 8)                                 \
-     : (what) == LOW ? _mm256_and_si256(load_words(p, n), _mm256_set1_epi16(255))             \
-                     : _mm256_cvtepu8_epi16(_mm_loadu_si128((const __m128i *)(const void *)(p))))
+#define load_codes(p, n) _mm256_cvtepu8_epi16(_mm_loadu_si128((const __m128i *)(const void *)(p)))
 
 #define LANES 8u
 typedef __m256i vec;
@@ -39,6 +36,7 @@ LULL_INLINE vec sub(vec a, vec b) { return _mm256_sub_epi32(a, b); }
 LULL_INLINE vec most(vec a, vec b) { return _mm256_max_epi32(a, b); }
 LULL_INLINE vec shift(vec a, unsigned n) { return _mm256_sra_epi32(a, _mm_cvtsi32_si128((int)n)); }
 #define shl(a, bits) _mm256_slli_epi32(a, bits)
+#define shr(a, bits) _mm256_srai_epi32(a, bits)
 
 LULL_INLINE vec exact(vec a)
 {

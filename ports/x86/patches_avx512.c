@@ -26,18 +26,16 @@ LULL_INLINE void store_words(void *p, words v, unsigned n)
 
 #if LULL_EMULATE /* it lacks the instructions */
 #define widen(bytes) _mm512_and_si512(_mm512_cvtepi8_epi16(bytes), _mm512_set1_epi16(255))
-#define shift_right(a, n) shift(a, n)
+#define shr(a, n) shift(a, n)
 #else
 #define widen(bytes) _mm512_cvtepu8_epi16(bytes)
-#define shift_right(a, n) _mm512_srai_epi32(a, n)
+#define shr(a, n) _mm512_srai_epi32(a, n)
 #endif
 
-#define load_codes(p, n, what)                                                       \
-    ((what) == HIGH  ? _mm512_srli_epi16(load_words(p, n), 8)                        \
-     : (what) == LOW ? _mm512_and_si512(load_words(p, n), _mm512_set1_epi16(255))    \
-     : (n) >= WORDS  ? widen(_mm256_loadu_si256((const __m256i *)(const void *)(p))) \
-                     : _mm512_castsi256_si512(_mm256_cvtepu8_epi16(                  \
-                           _mm_loadu_si128((const __m128i *)(const void *)(p)))))
+#define load_codes(p, n)                                                           \
+    ((n) >= WORDS ? widen(_mm256_loadu_si256((const __m256i *)(const void *)(p)))  \
+                  : _mm512_castsi256_si512(_mm256_cvtepu8_epi16(                   \
+                        _mm_loadu_si128((const __m128i *)(const void *)(p)))))
 
 LULL_INLINE void save(void *p, vec v) { _mm512_storeu_si512(p, v); }
 LULL_INLINE vec sub(vec a, vec b) { return _mm512_sub_epi32(a, b); }
@@ -47,7 +45,7 @@ LULL_INLINE vec most(vec a, vec b) { return _mm512_max_epi32(a, b); }
 LULL_INLINE vec exact(vec a)
 {
     a = _mm512_mullo_epi32(a, _mm512_set1_epi32(LULL_PATCH_INVERSE));
-    return shift_right(a, LULL_PATCH_SHIFT);
+    return shr(a, LULL_PATCH_SHIFT);
 }
 
 typedef struct scales {
@@ -60,7 +58,7 @@ LULL_INLINE void scales_init(scales *s, const lull_patches *image, unsigned firs
 {
     vec multiplier = load(image->multiplier + first);
     s->bias = load(image->bias + first);
-    s->is_small = SMALL_SUMS && image->is_small && image->out_max <= 255;
+    s->is_small = SMALL_SUMS && image->is_small;
     s->f.max = image->out_max;
     s->f.even[0] = _mm512_slli_epi32(multiplier, 1);
     s->f.odd[0] = _mm512_srli_epi64(s->f.even[0], 32);
@@ -72,7 +70,7 @@ LULL_INLINE void put(const scales *s, uint8_t *to, uint8_t *next, size_t pixel, 
 {
     vec q[4];
     for (unsigned i = 0; i < 4; i++)
-        q[i] = s->is_small ? requantise(&s->f, a[i], 0, 1) : requantise(&s->f, a[i], 0, 0);
+        q[i] = s->is_small ? requantise(&s->f, a[i], 0, SMALL) : requantise(&s->f, a[i], 0, 0);
     if (s->f.max <= 255) {
         vec codes = pack(&s->f, q[0], q[1], q[2], q[3]);
         _mm_storeu_si128((__m128i *)(void *)to, _mm512_castsi512_si128(codes));

@@ -4,10 +4,11 @@
  *   words, WORDS                   a vector of WORDS int16
  *   load_words(p, n), store_words(p, v, n)
  *                                  the first n of them if n < WORDS (a multiple of 16)
- *   load_codes(p, n, what)         codes as words: NARROW bytes, the HIGH or LOW bytes of words
+ *   load_codes(p, n)               bytes as words
  *   addw, subw, shlw(a, bits)      of words
  *   vec, LANES                     a vector of LANES int32, with load, save, add, sub, shl
  *   exact(a)                       a * LULL_PATCH_INVERSE >> LULL_PATCH_SHIFT
+ *   shr(a, bits)                   arithmetic shift to the right
  *   shift(a, n), most(a, b)        arithmetic shift to the right; the larger one
  *   scales, scales_init(&s, image, first)
  *                                  constants of the requantisation of the outputs from `first` on
@@ -16,8 +17,7 @@
  *                                  from `to` on, two from `next` on, `pixel` bytes apart
  *
  * Both directions of a patch are done one after the other; the buffer of points holds what the
- * first one makes. */
-enum { NARROW, HIGH, LOW };
+ * first one makes, but of wide codes registers do. */
 
 /* Six points of d, `step` apart. */
 LULL_INLINE void make_side(int16_t *to, size_t step, const words *d, unsigned n)
@@ -34,14 +34,13 @@ LULL_INLINE void make_side(int16_t *to, size_t step, const words *d, unsigned n)
 }
 
 /* Points of n channels of a patch: `at` is their place in the rows, in bytes. */
-LULL_INLINE void patch_in(const lull_patches *image, int16_t *points, size_t at, unsigned n,
-                          unsigned what)
+LULL_INLINE void patch_in(const lull_patches *image, int16_t *points, size_t at, unsigned n)
 {
-    size_t plane = image->plane, pixel = (what == NARROW ? 1u : 2u) * (size_t)image->channels;
-    for (unsigned x = 0; x < 6; x++, at += pixel) {
+    size_t plane = image->plane;
+    for (unsigned x = 0; x < 6; x++, at += image->channels) {
         words d[6];
         for (unsigned y = 0; y < 6; y++)
-            d[y] = load_codes(image->row[y] + at, n, what);
+            d[y] = load_codes(image->row[y] + at, n);
         make_side(points + x * plane, 6 * plane, d, n);
     }
     for (unsigned y = 0; y < 6; y++, points += 6 * plane) {
@@ -52,27 +51,66 @@ LULL_INLINE void patch_in(const lull_patches *image, int16_t *points, size_t at,
     }
 }
 
-LULL_INLINE void points_in(const lull_patches *image, int16_t *points, unsigned what)
+LULL_INLINE void points_in(const lull_patches *image)
 {
-    size_t element = what == NARROW ? 1 : 2, pixel = element * image->channels, at = 0;
-    for (unsigned p = 0; p < image->patches; p++, at += LULL_PATCH_SIDE * pixel) {
+    int16_t *points = image->points;
+    size_t at = 0;
+    for (unsigned p = 0; p < image->patches; p++, at += LULL_PATCH_SIDE * image->channels) {
         unsigned c = 0;
         for (; c + WORDS <= image->channels; c += WORDS)
-            patch_in(image, points + c, at + c * element, WORDS, what);
+            patch_in(image, points + c, at + c, WORDS);
         if (c < image->channels)
-            patch_in(image, points + c, at + c * element, image->channels - c, what);
+            patch_in(image, points + c, at + c, image->channels - c);
         points += image->channels;
+    }
+}
+
+/* A column of wide codes in one direction. */
+LULL_INLINE void wide_column(words *d, const lull_patches *image, size_t at, unsigned n)
+{
+    words d0 = load_words(image->row[0] + at, n), d1 = load_words(image->row[1] + at, n);
+    words d2 = load_words(image->row[2] + at, n), d3 = load_words(image->row[3] + at, n);
+    d[0] = subw(d0, d2);
+    d[1] = addw(d1, d2);
+    d[2] = subw(d2, d1);
+    d[3] = subw(d1, d3);
+}
+
+/* Points of n channels of all patches, from channel c on. */
+LULL_INLINE void wide_in(const lull_patches *image, unsigned c, unsigned n)
+{
+    size_t plane = image->plane, pixel = 2 * (size_t)image->channels, at = 2 * (size_t)c;
+    int16_t *points = image->points + c;
+    words a[4], b[4], d[4], e[4];
+    wide_column(a, image, at, n);
+    wide_column(b, image, at + pixel, n);
+    for (unsigned p = 0; p < image->patches; p++, points += image->channels) {
+        at += 2 * pixel;
+        wide_column(d, image, at, n);
+        wide_column(e, image, at + pixel, n);
+        for (unsigned y = 0; y < 4; y++) {
+            int16_t *to = points + 4 * y * plane;
+            store_words(to, subw(a[y], d[y]), n);
+            store_words(to + plane, addw(b[y], d[y]), n);
+            store_words(to + 2 * plane, subw(d[y], b[y]), n);
+            store_words(to + 3 * plane, subw(b[y], e[y]), n);
+            a[y] = d[y];
+            b[y] = e[y];
+        }
     }
 }
 
 void IN(const lull_patches *image)
 {
+    unsigned c = 0;
     if (!image->is_wide) {
-        points_in(image, image->points, NARROW);
+        points_in(image);
         return;
     }
-    points_in(image, image->points, HIGH);
-    points_in(image, image->points + LULL_PATCH_POINTS * image->plane, LOW);
+    for (; c + WORDS <= image->channels; c += WORDS)
+        wide_in(image, c, WORDS);
+    if (c < image->channels)
+        wide_in(image, c, image->channels - c);
 }
 
 /* 24 times four values from their six sums, of which `missing` is 0. */
@@ -106,19 +144,12 @@ LULL_INLINE void make_columns(int32_t *m, size_t plane, unsigned phase)
 }
 
 /* The second direction: sums of the four pixels of a row. */
-LULL_INLINE void make_row(vec *a, const lull_patches *image, const int32_t *m, unsigned is_wide)
+LULL_INLINE void make_row(vec *a, const lull_patches *image, const int32_t *m)
 {
-    size_t plane = image->plane;
     vec y[4];
-    make_pixels(y, m, plane, lull_patch_no_column(image->phase));
+    make_pixels(y, m, image->plane, lull_patch_no_column(image->phase));
     for (unsigned i = 0; i < 4; i++)
         a[i] = exact(y[i]);
-    if (!is_wide)
-        return;
-    make_pixels(y, m + LULL_PATCH_POINTS * plane, plane, 6);
-    for (unsigned i = 0; i < 4; i++)
-        a[i] = shift(add(add(shl(a[i], 8), exact(y[i])), splat_int(1 << image->shift >> 1)),
-                     image->shift);
 }
 
 /* Adds the bias, or what stands in its place, to four pixels. */
@@ -138,16 +169,14 @@ LULL_INLINE void save_raw(int32_t *to, size_t pixel, const vec *a)
 /* LANES outputs of a patch: its sums at m; `at`: place of its first pixel in the rows, in bytes (in
  * elements if image->is_raw); start: of that pixel. */
 LULL_INLINE void patch_out(const lull_patches *image, const scales *s, int32_t *m,
-                           const int32_t *start, size_t at, unsigned is_wide)
+                           const int32_t *start, size_t at)
 {
     size_t plane = image->plane, pixel = image->channels * (image->out_max <= 255 ? (size_t)1 : 2);
     make_columns(m, plane, image->phase);
-    if (is_wide)
-        make_columns(m + LULL_PATCH_POINTS * plane, plane, LULL_PATCH_WHOLE);
     if (!image->is_pooled) {
         for (unsigned y = 0; y < 4; y++) {
             vec a[4];
-            make_row(a, image, m + 6 * y * plane, is_wide);
+            make_row(a, image, m + 6 * y * plane);
             add_start(a, s, start ? start + y * image->start_row : NULL, image->channels);
             if (image->is_raw) {
                 save_raw((int32_t *)(void *)image->out[y] + at, image->raw_step, a);
@@ -159,8 +188,8 @@ LULL_INLINE void patch_out(const lull_patches *image, const scales *s, int32_t *
     }
     vec a[8], most4[4];
     for (unsigned y = 0; y < 2; y++) {
-        make_row(a, image, m + 12 * y * plane, is_wide);
-        make_row(a + 4, image, m + (12 * y + 6) * plane, is_wide);
+        make_row(a, image, m + 12 * y * plane);
+        make_row(a + 4, image, m + (12 * y + 6) * plane);
         most4[2 * y] = most(most(a[0], a[1]), most(a[4], a[5]));
         most4[2 * y + 1] = most(most(a[2], a[3]), most(a[6], a[7]));
     }
@@ -168,11 +197,31 @@ LULL_INLINE void patch_out(const lull_patches *image, const scales *s, int32_t *
     put(s, image->out[0] + at, image->out[1] + at, pixel, most4);
 }
 
-LULL_INLINE void patches_out(const lull_patches *image, unsigned is_wide)
+/* The same of wide codes: four pixels. */
+LULL_INLINE void wide_out(const lull_patches *image, const scales *s, const int32_t *m, size_t at)
+{
+    size_t plane = image->plane, pixel = image->channels * (image->out_max <= 255 ? (size_t)1 : 2);
+    vec half = splat_int(1 << image->shift >> 1), top[4], low[4], a[4];
+    for (unsigned x = 0; x < 4; x++, m += plane) {
+        vec t1 = load(m + 4 * plane), t2 = load(m + 8 * plane);
+        top[x] = add(add(load(m), t1), t2);
+        low[x] = sub(sub(t1, t2), load(m + 12 * plane));
+    }
+    a[0] = add(add(top[0], top[1]), top[2]);
+    a[1] = sub(sub(top[1], top[2]), top[3]);
+    a[2] = add(add(low[0], low[1]), low[2]);
+    a[3] = sub(sub(low[1], low[2]), low[3]);
+    for (unsigned i = 0; i < 4; i++)
+        a[i] = shift(add(shr(a[i], LULL_PATCH_WIDE_SHIFT), half), image->shift);
+    add_start(a, s, NULL, 0);
+    put(s, image->out[0] + at, image->out[1] + at, pixel, a);
+}
+
+void OUT(const lull_patches *image)
 {
     size_t size = image->out_max <= 255 || image->is_raw ? 1 : 2;
     size_t width = (image->is_raw ? image->raw_step : image->channels * size) *
-                   (image->is_pooled ? 2u : LULL_PATCH_SIDE);
+                   (image->is_pooled ? 2u : lull_patch_side(image->is_wide));
     for (unsigned c = 0; c < image->channels; c += LANES) {
         int32_t *m = image->sums + c;
         const int32_t *start = image->start;
@@ -180,16 +229,11 @@ LULL_INLINE void patches_out(const lull_patches *image, unsigned is_wide)
         scales s;
         scales_init(&s, image, c);
         for (unsigned p = 0; p < image->patches; p++, m += image->channels, at += width)
-            patch_out(image, &s, m,
-                      start ? start + (size_t)p * LULL_PATCH_SIDE * image->channels + c : NULL, at,
-                      is_wide);
+            if (image->is_wide)
+                wide_out(image, &s, m, at);
+            else
+                patch_out(image, &s, m,
+                          start ? start + (size_t)p * LULL_PATCH_SIDE * image->channels + c : NULL,
+                          at);
     }
-}
-
-void OUT(const lull_patches *image)
-{
-    if (image->is_wide)
-        patches_out(image, 1);
-    else
-        patches_out(image, 0);
 }

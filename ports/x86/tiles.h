@@ -4,7 +4,11 @@
 
 #include "kernels.h"
 
-#define SMALL 2 /* conv_int_tile.h */
+/* How the sums of an integer tile are requantised and stored (conv_int_tile.h). */
+enum {
+    BYTES = 1, /* outputs are bytes, not words */
+    SMALL = 2  /* lull_conv's is_small */
+};
 
 /* What a function for rows of tiles is given: n outputs from `first` on of all pixels. */
 typedef struct tile_row {

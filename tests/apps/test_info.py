@@ -41,7 +41,7 @@ def test_memory_of_a_base_network(info, work):
     """int8, 1920 wide: at most 40 MB, 8 MB row by row without computing anything twice, and height
     changes neither."""
     widths = (32, 32, 48, 64, 80, 96, 96, 112, 112, 96, 96, 64, 64, 64, 32)
-    case = golden_int.Case("base", "unet", 16, 16, 9, widths, 7, wide=("dec_conv1a",))
+    case = golden_int.Case("base", "unet", 16, 16, 9, widths, 7, middle=("dec_conv1a",))
     model = golden_int.random_model(case, golden_int.random_input(case))
     write_integer(work / "base.tza", integer_tensors(model))
     low, high = (info("base.tza", "--json", "-s", 1920, h).json["files"][0] for h in (1080, 8640))

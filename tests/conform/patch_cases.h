@@ -8,7 +8,7 @@ static int whole(double v) { return (int)v; }
 static void fill_codes(uint8_t *row, size_t n, int is_wide)
 {
     for (size_t i = 0; i < n; i++) {
-        int32_t high = is_wide ? 32767 : 255;
+        int32_t high = is_wide ? LULL_PATCH_WIDE_MAX : 255;
         int32_t code = now.pattern == CASES_MIN           ? 0
                        : now.pattern == CASES_MAX         ? high
                        : now.pattern == CASES_PAIRS       ? (guard_below(2) ? high : 0)
@@ -22,19 +22,24 @@ static void fill_codes(uint8_t *row, size_t n, int is_wide)
     }
 }
 
-/* Point k of patch p and channel c by definition, of codes or of the bytes of wide ones. */
-static int patch_point(const lull_patches *w, unsigned k, unsigned part, unsigned p, unsigned c)
+/* IR and OR of wide codes. */
+static const int wide_in[4][4] = {{1, 0, -1, 0}, {0, 1, 1, 0}, {0, -1, 1, 0}, {0, 1, 0, -1}};
+static const int wide_out[2][4] = {{1, 1, 1, 0}, {0, 1, -1, -1}};
+
+/* Point k of patch p and channel c by definition. */
+static int patch_point(const lull_patches *w, unsigned k, unsigned p, unsigned c)
 {
+    unsigned side = lull_patch_side(w->is_wide), field = side + 2;
     int sum = 0;
-    for (unsigned y = 0; y < 6; y++)
-        for (unsigned x = 0; x < 6; x++) {
-            size_t at = ((size_t)4 * p + x) * w->channels + c;
+    for (unsigned y = 0; y < field; y++)
+        for (unsigned x = 0; x < field; x++) {
+            size_t at = ((size_t)side * p + x) * w->channels + c;
             uint16_t code = w->row[y][w->is_wide ? 2 * at : at];
             if (w->is_wide)
                 memcpy(&code, w->row[y] + 2 * at, 2);
-            if (w->is_wide)
-                code = part ? code & 255 : code >> 8;
-            sum += whole(in_columns[k / 6][y]) * whole(in_columns[k % 6][x]) * code;
+            sum += (w->is_wide ? wide_in[k / 4][y] * wide_in[k % 4][x]
+                               : whole(in_columns[k / 6][y]) * whole(in_columns[k % 6][x])) *
+                   code;
         }
     return sum;
 }
@@ -50,7 +55,7 @@ static int patch_points_agree(const lull_patches *w, size_t words)
                 return 0;
             continue;
         }
-        want = patch_point(w, k % 36, k / 36, at / w->channels, at % w->channels);
+        want = patch_point(w, k, at / w->channels, at % w->channels);
         if (w->points[i] != want || (!now.is_scalar && ((int16_t *)(void *)expected)[i] != want)) {
             printf("  point %u at %u is %d, not %d\n", k, at, w->points[i], want);
             return 0;
@@ -62,19 +67,19 @@ static int patch_points_agree(const lull_patches *w, size_t words)
 static void patches_in_case(unsigned channels, unsigned patches, int is_wide)
 {
     lull_patches w;
-    size_t elements = ((size_t)4 * patches + 2) * channels, words;
+    size_t elements = ((size_t)lull_patch_side(is_wide) * patches + 2) * channels, words;
     int at_end = guard_below(2) != 0;
     memset(&w, 0, sizeof w);
     w.channels = channels;
     w.patches = patches;
     w.is_wide = is_wide;
     w.plane = (size_t)channels * patches + guard_below(20);
-    for (unsigned y = 0; y < 6; y++) {
+    for (unsigned y = 0; y < lull_patch_side(is_wide) + 2; y++) {
         uint8_t *row = guard_place(GUARD_ROW + y, elements << is_wide, at_end);
         fill_codes(row, elements, is_wide);
         w.row[y] = row;
     }
-    words = (LULL_PATCH_POINTS * (is_wide ? 2 : 1) - 1) * w.plane + (size_t)channels * patches;
+    words = (lull_patch_points(is_wide) - 1) * w.plane + (size_t)channels * patches;
     if (!now.is_scalar) {
         w.points = (int16_t *)(void *)expected;
         now.scalar.patches_in(&w);
@@ -160,6 +165,15 @@ static void points_int_cases(void)
         points_int_case(outputs, 1 + guard_below(MAX_PIXELS), 1 + guard_below(20));
 }
 
+/* The sum of products of pixel (x, y) of a patch of wide codes, by definition. */
+static int32_t wide_pixel(const int32_t *sums, size_t plane, unsigned x, unsigned y)
+{
+    uint32_t sum = 0;
+    for (unsigned k = 0; k < LULL_PATCH_WIDE_POINTS; k++)
+        sum += (uint32_t)(wide_out[y][k / 4] * wide_out[x][k % 4]) * (uint32_t)sums[k * plane];
+    return (int32_t)sum >> LULL_PATCH_WIDE_SHIFT;
+}
+
 /* The sum of products of pixel (x, y) of a patch, by definition. */
 static int32_t patch_pixel(const int32_t *sums, size_t plane, unsigned phase, unsigned x,
                            unsigned y)
@@ -183,11 +197,10 @@ static double patch_code(const lull_patches *w, const int32_t *sums, unsigned fi
 {
     int32_t start = w->start ? w->start[y * w->start_row + (size_t)(first + x) * w->channels + c]
                              : w->bias[c];
-    double a = patch_pixel(sums, w->plane, w->phase, x, y), q;
-    if (w->is_wide) {
-        a = 256 * a + patch_pixel(sums + LULL_PATCH_POINTS * w->plane, w->plane, w->phase, x, y);
-        a = floor((a + (1 << w->shift >> 1)) / (1 << w->shift));
-    }
+    double q, a = w->is_wide ? floor(((double)wide_pixel(sums, w->plane, x, y) +
+                                      (1 << w->shift >> 1)) /
+                                     (1 << w->shift))
+                             : patch_pixel(sums, w->plane, w->phase, x, y);
     if (w->is_raw)
         return a + start;
     q = floor(((a + start) * w->multiplier[c] + (1 << 30)) / 2147483648.0);
@@ -207,7 +220,7 @@ static double patch_value(const lull_patches *w, unsigned y, size_t at)
 
 static int patch_codes_agree(const lull_patches *w, const int32_t *sums)
 {
-    unsigned columns = w->is_pooled ? 2 : 4, n = w->channels;
+    unsigned columns = w->is_pooled || w->is_wide ? 2 : 4, n = w->channels;
     for (unsigned y = 0; y < columns; y++)
         for (unsigned x = 0; x < columns * w->patches; x++)
             for (unsigned c = 0; c < n; c++) {
@@ -220,7 +233,7 @@ static int patch_codes_agree(const lull_patches *w, const int32_t *sums)
                             fmax(want, patch_code(w, of, 0, x % 2 * 2 + (i & 1),
                                                   2 * y + (i >> 1), c));
                 else
-                    want = patch_code(w, of, x / 4 * 4, x % 4, y, c);
+                    want = patch_code(w, of, x / columns * columns, x % columns, y, c);
                 if (got != want) {
                     printf("  row %u, column %u, channel %u is %g, not %g\n", y, x, c, got, want);
                     return 0;
@@ -229,17 +242,17 @@ static int patch_codes_agree(const lull_patches *w, const int32_t *sums)
     return 1;
 }
 
-/* Sums at points by chance: those of wide codes so small that a stays in int32, those of small ones
- * so that a float holds it. Multipliers are so short that doubles hold the products. */
+/* Sums at points by chance: those of small ones so that a float holds them, those of wide codes
+ * also so that a stays in int32. Multipliers are so short that doubles hold the products. */
 static void make_sums(lull_patches *w, int32_t *sums, int32_t *bias, int32_t *multiplier)
 {
-    size_t n = LULL_PATCH_POINTS * (w->is_wide ? 2 : 1) * w->plane;
+    size_t n = lull_patch_points(w->is_wide) * w->plane;
     for (size_t i = 0; i < n; i++) {
-        int32_t most = w->is_wide ? 512 * 576 : w->is_small ? 100 * 576 : INT32_MAX;
+        int32_t most = w->is_small ? 100 * 576 : w->is_wide ? INT32_MAX / 36 : INT32_MAX;
         int32_t sum = now.pattern == CASES_MIN   ? -most
                       : now.pattern == CASES_MAX ? most
                                                  : guard_between(-most, most);
-        sums[i] = w->is_wide || w->is_small ? sum / 576 * 576 : sum;
+        sums[i] = w->is_small ? sum / 576 * 576 : sum;
     }
     for (unsigned c = 0; c < w->channels; c++) {
         bias[c] = guard_between(-100000, 100000);
@@ -254,7 +267,7 @@ static void make_start(lull_patches *w, int at_end)
 {
     size_t row = (size_t)LULL_PATCH_SIDE * w->patches * w->channels, n;
     int32_t *start;
-    if (w->is_pooled || guard_below(2))
+    if (w->is_wide || w->is_pooled || guard_below(2))
         return;
     w->start_row = row + guard_below(20);
     n = 3 * w->start_row + row;
@@ -279,20 +292,23 @@ static void patches_out_case(unsigned channels, unsigned patches, int is_wide, i
     w.is_raw = is_raw;
     w.is_small = (int)guard_below(2);
     w.shift = is_wide ? guard_below(16) : 0;
-    w.phase = is_wide || is_pooled ? LULL_PATCH_WHOLE : guard_below(LULL_PATCH_WHOLE + 1);
+    w.phase = is_wide     ? LULL_PATCH_WIDE
+              : is_pooled ? LULL_PATCH_WHOLE
+                          : guard_below(LULL_PATCH_WHOLE + 1);
     w.out_max = maxima[guard_below(5)];
     w.plane = (size_t)channels * patches + guard_below(20);
-    points = LULL_PATCH_POINTS * (is_wide ? 2 : 1) * w.plane;
+    points = lull_patch_points(is_wide) * w.plane;
     sums = guard_place(GUARD_WEIGHTS, points * sizeof *sums, at_end);
     make_sums(&w, sums, guard_place(GUARD_BIAS, channels * sizeof(int32_t), at_end),
               guard_place(GUARD_MULTIPLIER, channels * sizeof(int32_t), at_end));
     memcpy(kept, sums, points * sizeof *sums);
     make_start(&w, at_end);
     w.raw_step = channels * (1 + guard_below(2));
-    row_bytes = (size_t)(is_pooled ? 2 : 4) * patches * channels * (w.out_max <= 255 ? 1 : 2);
+    row_bytes = (size_t)(is_pooled || is_wide ? 2 : 4) * patches * channels;
+    row_bytes *= w.out_max <= 255 ? 1 : 2;
     if (is_raw)
         row_bytes = ((4 * (size_t)patches - 1) * w.raw_step + channels) * sizeof(int32_t);
-    for (unsigned y = 0; y < (is_pooled ? 2u : 4u); y++)
+    for (unsigned y = 0; y < (is_pooled || is_wide ? 2u : 4u); y++)
         w.out[y] = guard_place(GUARD_ROW + y, row_bytes, at_end);
     w.sums = sums;
     now.port->patches_out(&w);
@@ -308,8 +324,10 @@ static void patches_out_case(unsigned channels, unsigned patches, int is_wide, i
 static void patches_out_cases(void)
 {
     for (unsigned channels = 16; channels <= 144; channels += LULL_PATCH_CHANNELS)
-        for (unsigned kind = 0; kind < 5 * ROUNDS; kind++)
-            patches_out_case(channels, 1 + guard_below(6), kind & 1, kind % 5 < 2, kind % 5 == 4);
+        for (unsigned kind = 0; kind < 5 * ROUNDS; kind++) {
+            int is_wide = kind % 5 == 3;
+            patches_out_case(channels, 1 + guard_below(6), is_wide, kind % 5 < 2, kind % 5 == 4);
+        }
 }
 
 #endif

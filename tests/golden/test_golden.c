@@ -118,9 +118,10 @@ static float *run(const golden *g, uint32_t ports, unsigned row_step, unsigned s
     plan_bytes = lull_plan_size(&frame, model);
     plan_memory = aligned(plan_bytes);
     CHECK_EQ(lull_plan_init(&plan, plan_memory, plan_bytes, &frame, model), LULL_OK);
-    expected = model->kernels.patches_u == LULL_PATCHES_UP    ? 9
-               : model->kernels.patches_u == LULL_PATCHES_OWN ? 8
-                                                              : 0;
+    expected = model->kernels.patches_u == LULL_PATCHES_UP     ? 9
+               : model->kernels.patches_u == LULL_PATCHES_OWN  ? 8
+               : model->kernels.patches_u == LULL_PATCHES_WIDE ? 1
+                                                               : 0;
     patched = 0;
     for (unsigned l = 0; l < model->graph.layers; l++)
         patched += lull_plan_is_patched(plan, l) != 0;

@@ -28,7 +28,7 @@ LIB = {
     "patches": set(),
     "kernels": {"patches", "ports", "winograd"},
     "dispatch": {"kernels", "cpu", "ports"},
-    "graph": {"tza", "nets", "winograd"},
+    "graph": {"tza", "nets", "patches", "winograd"},
     "pack": {"graph", "kernels", "transfer"},
     "plan": {"pack", "exposure"},
     "filter": {"pack", "transfer"},

@@ -12,7 +12,7 @@ from export.accuracy import Sample, compare, ssim
 from export.calibrate import Kind, frame_of, network_inputs, read_picture, synthetic_frames
 from export.pixels import Frame
 from export.quantizer import Options, Quantizer, channel_range
-from export.reference import NARROW_MAX, WIDE_MAX, load_model
+from export.reference import NARROW_MAX, load_model
 from export.synthetic import noisy, scene
 from export.tza import Reader, write_weights
 from training import metrics
@@ -171,12 +171,12 @@ def deepest_error(model, made):
         h = maps[layer.layer.source].shape[0] * up
         plain = np.zeros((h, maps[layer.layer.source].shape[1] * up, layer.outputs))
         x = maps[layer.layer.source].astype(np.float64)
-        x = x * wide if layer.source_max == WIDE_MAX else x
+        x = x * wide if layer.source_max > NARROW_MAX else x
         from export.convolve import pooled, taps_3x3, taps_phases
         (taps_phases if up == 2 else taps_3x3)(plain, x, layer.weight, 0)
         if layer.skip is not None:
             s = maps[layer.layer.skip].astype(np.float64)
-            taps_3x3(plain, s * wide if layer.skip_max == WIDE_MAX else s, layer.skip, 0)
+            taps_3x3(plain, s * wide if layer.skip_max > NARROW_MAX else s, layer.skip, 0)
         wanted = np.clip((plain + layer.bias) * unit, 0, layer.out_max)
         wanted = pooled(wanted) if layer.layer.pool else wanted
         slack = 0.5 + (0.5 * unit if layer.shift else 0) + 1e-3
@@ -192,7 +192,7 @@ def test_codes_are_the_dequantised_graph_rounded():
     made.run()
     assert deepest_error(model, made) <= 1
     assert {x.shift > 0 for x in made.model.layers} == {False, True}
-    assert all(c[n].max() <= NARROW_MAX for c in made.codes for n in c if n not in made.wide)
+    assert all(c[n].max() <= made.tops.get(n, NARROW_MAX) for c in made.codes for n in c)
 
 
 def test_bias_correction_and_rounding_by_effect_help():

@@ -140,6 +140,7 @@ BREAKS = [
     (lambda t: t.update({"dec_conv1a.max": np.array([254], np.int32)}), "dec_conv1a.max"),
     (lambda t: t.update({"dec_conv1a.max": np.array([32767, 1], np.int32)}), "dec_conv1a.max"),
     (lambda t: t.update({"enc_conv1.max": np.array([32767], np.int32)}), "enc_conv1.max"),
+    (lambda t: t.update({"enc_conv1.max": np.array([8191], np.int32)}), "enc_conv1.max"),
 ]
 
 

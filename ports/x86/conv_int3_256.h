@@ -1,6 +1,6 @@
 /* Integer convolution to three outputs: vectors run over the elements of a run, so that no lane is
- * idle, and are summed at the end. Included after conv_int_256.h or conv_int_512.h, with CONV3 (the
- * function's name) and their DOT_NARROW and DOT_WIDE defined. */
+ * idle, and are summed at the end. Included after conv_int_256.h, with CONV3 (the function's
+ * name). */
 
 typedef __m128i four; /* the sums of a pixel's outputs, and 0 */
 
@@ -12,13 +12,10 @@ typedef struct int3_run {
 
 LULL_INLINE four int3_add(vec a, vec b, vec c)
 {
-    const __m256i none = _mm256_setzero_si256();
-    __m256i x = HALVES(a), y = HALVES(b), z = HALVES(c), low, high;
-    x = _mm256_add_epi32(_mm256_unpacklo_epi32(x, y), _mm256_unpackhi_epi32(x, y));
-    z = _mm256_add_epi32(_mm256_unpacklo_epi32(z, none), _mm256_unpackhi_epi32(z, none));
-    low = _mm256_unpacklo_epi64(x, z);
-    high = _mm256_unpackhi_epi64(x, z);
-    x = _mm256_add_epi32(low, high);
+    const vec none = _mm256_setzero_si256();
+    vec x = add(_mm256_unpacklo_epi32(a, b), _mm256_unpackhi_epi32(a, b));
+    vec z = add(_mm256_unpacklo_epi32(c, none), _mm256_unpackhi_epi32(c, none));
+    x = add(_mm256_unpacklo_epi64(x, z), _mm256_unpackhi_epi64(x, z));
     return _mm_add_epi32(_mm256_castsi256_si128(x), _mm256_extracti128_si256(x, 1));
 }
 
@@ -67,12 +64,12 @@ LULL_INLINE void int3_store(const lull_conv *conv, unsigned p, four a)
 }
 
 #define TILE int3_tile
-#define PIXELS INT3_PIXELS
-#include "conv_int3_tile.h"
+#define PIXELS 3
+#include "conv_int3_256_tile.h"
 
 #define TILE int3_pixel
 #define PIXELS 1
-#include "conv_int3_tile.h"
+#include "conv_int3_256_tile.h"
 
 void CONV3(const lull_conv *conv)
 {
@@ -82,7 +79,7 @@ void CONV3(const lull_conv *conv)
     narrow.end = conv->segment + conv->segments;
     wide.size = 2;
     narrow.size = 1;
-    if (conv->pixels < INT3_PIXELS) {
+    if (conv->pixels < 3) {
         int3_pixel(conv, &wide, &narrow);
         return;
     }

@@ -1,5 +1,5 @@
-/* Tiles of PIXELS pixels of three outputs, for conv_int3.h: included once for each size, with TILE
- * (the function's name) and PIXELS defined; they are undefined at the end. */
+/* Tiles of PIXELS pixels of three outputs, for conv_int3_256.h: included once for each size, with
+ * TILE (the function's name) and PIXELS defined; they are undefined at the end. */
 #include "pixels.h"
 #define FOR_PIXELS PIXELS_PASTE(PIXELS_, PIXELS)
 
