@@ -104,7 +104,7 @@ OPTIONS = (
     _o("--time_budget --time-budget", "T", None, "end after this time, e.g. 30m, 2h, 90s"),
     _o("--ema", "T", 0.999, "decay of the averaged weights; 0: none", **FLOAT),
     _o("--grad_clip", "T", None, "largest norm of the gradient; 0: any", **FLOAT),
-    _o("--init", "T", None, "start from the weights of a result, or of a .tza or .pt file"),
+    _o("--init", "T", None, "start from the weights of a result, or of a .pt or .tza (or int8)"),
     _o("--quantize_aware", "T", 0, "then train the integer model for this many steps", **INT),
     _o("--quantize_rate", "T", 0.02, "its learning rate, in steps of weights", **FLOAT),
     _o("--exposure_jitter", "TL", 0.0, "random exposure of hdr tiles, +- stops", **FLOAT),

@@ -14,6 +14,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 
 from training import nets
@@ -132,14 +133,18 @@ def make_model(settings: Settings) -> torch.nn.Module:
 
 
 def read_weights(path: Path) -> dict[str, torch.Tensor]:
-    """Tensors of a .tza weights file, or of a .pt file with a state dict."""
-    from export.tza import Reader, TzaError
+    """Tensors of a .tza weights file (integers as floats), or of a .pt file with a state dict."""
+    from export.dequantize import float_tensors
+    from export.tza import Reader
     if path.suffix == ".pt":
         try:
             return {k: v.float() for k, v in torch.load(path, weights_only=True).items()}
         except Exception as e:  # a damaged file shows as one of many kinds of exception
             raise ToolError(f"{path}: no state dict ({type(e).__name__})", STATE) from e
     try:
-        return {k: torch.tensor(v).float() for k, v in Reader(path).items()}
-    except (TzaError, OSError) as e:
+        tensors = Reader(path)
+        if any(t.dtype == np.int8 for t in tensors.values()):
+            tensors = float_tensors(tensors, path.name)
+        return {k: torch.tensor(v).float() for k, v in tensors.items()}
+    except (ValueError, OSError) as e:  # TzaError and ModelError are of the former
         raise ToolError(f"{path}: {e}", STATE) from e

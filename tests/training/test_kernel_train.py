@@ -269,7 +269,8 @@ def test_find_lr(raw, work, capsys):
 
 
 def test_weights_of_elsewhere(raw, work, capsys):
-    """A state dict (.pt) and an fp16 file: start a training, are quantised, are evaluated."""
+    """A state dict (.pt), an fp16 file and an integer one: start a training; the former are
+    quantised and evaluated."""
     torch.manual_seed(5)
     net = nets.build(TINY, 0)
     torch.save(net.state_dict(), "k.pt")
@@ -282,6 +283,9 @@ def test_weights_of_elsewhere(raw, work, capsys):
         assert quantize_kernel.main([source, f"{source}.int8.tza", "--data",
                                      str(raw / "train"), "--count", "2"]) == 0
     assert Path("k.pt.int8.tza").read_bytes() == Path("k.tza.int8.tza").read_bytes()
+    train.main([*RAW, "-D", str(raw), "-e", "1", "-r", "i", "--init", "k.tza.int8.tza", "--max_lr",
+                "1e-9"])
+    assert torch.allclose(state("i")["model_state"]["head0.bias"], net.head0.bias, atol=0.1)
     export.main(["-r", "k.pt", "-o", "again.tza"])
     assert Path("again.tza").read_bytes() == Path("k.tza").read_bytes()
     Path("bad.pt").write_bytes(b"x")
