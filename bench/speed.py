@@ -3,9 +3,10 @@
     python -m bench.speed [--size 1920x1080] [--threads 2] [--rounds 5] [--ports avx2,...]
 
 The same base U-Net (hdr, albedo, normal) for both, as fp32 and, where export/ can quantise, as
-int8; then the built-in models of both. Rounds alternate between the programs; the figure is the
-median. The memory is the peak resident set less four images of 12 bytes a pixel (three inputs and
-the output).
+int8; then the built-in models of both. Rounds alternate between the programs; each runs for three
+seconds, at least three frames and at most twelve, of which the first does not count; the figure is
+the median of the rounds' medians. The memory is the peak resident set less four images of 12 bytes
+a pixel (three inputs and the output).
 """
 
 from __future__ import annotations
@@ -22,6 +23,8 @@ from pathlib import Path
 from bench import oidn, peer, pictures
 from bench.randomnet import write_random
 
+FEWEST, MOST = 3, 12  # frames of a run
+RUN_MSEC = 3000
 IMAGE_BYTES = 4 * 3 * 4  # of one pixel: colour, albedo, normal, output as float
 
 
@@ -70,6 +73,13 @@ def write_inputs(folder: Path, width: int, height: int) -> list[str | Path]:
     return pictures.write_inputs(folder, images, str(height))
 
 
+def frames(entry: Entry) -> int:
+    """How many frames the competitor's next run has, by the time that its first run took."""
+    if not entry.msec:
+        return FEWEST
+    return max(FEWEST, min(MOST, round(RUN_MSEC / entry.msec[0])))
+
+
 def measure(entry: Entry, inputs: list[str | Path], pixels: int, height: int, threads: int,
             repeats: int) -> None:
     """One run of a competitor: appends its time, and notes its working memory."""
@@ -88,13 +98,13 @@ def measure(entry: Entry, inputs: list[str | Path], pixels: int, height: int, th
 
 
 def report(found: list[Entry], megapixels: float, height: int) -> None:
-    base = statistics.median(found[0].msec) if found[0].msec else float("nan")
+    base = statistics.median(found[0].msec[1:]) if len(found[0].msec) > 1 else float("nan")
     print(f"{'':30} {'msec':>9} {'ms/MP':>8} {'speed':>7}   {'MB':>7} {'MB, 2x height':>14}")
     for e in found:
-        if e.error or not e.msec:
+        if e.error or len(e.msec) < 2:
             print(f"{e.name:30} failed: {e.error}")
             continue
-        msec = statistics.median(e.msec)
+        msec = statistics.median(e.msec[1:])  # the first run told how many frames to take
         print(f"{e.name:30} {msec:9.1f} {msec / megapixels:8.1f} {base / msec:6.2f}x   "
               f"{e.working[height] / 1e6:7.1f} {e.working[2 * height] / 1e6:14.1f}")
     print("speed: OIDN fp32 unet = 1; MB: peak resident set above the image buffers")
@@ -117,9 +127,11 @@ def main() -> int:
             found = found[:1] + [e for e in found[1:] if args.only in e.name]
             inputs = write_inputs(folder, width, height)
             tall = write_inputs(folder, width, 2 * height)
+            for entry in found:
+                measure(entry, inputs, width * height, height, args.threads, FEWEST)
             for _ in range(args.rounds):
                 for entry in found:
-                    measure(entry, inputs, width * height, height, args.threads, 3)
+                    measure(entry, inputs, width * height, height, args.threads, frames(entry))
             for entry in found:
                 measure(entry, tall, 2 * width * height, 2 * height, args.threads, 1)
     except (oidn.PeerError, FileNotFoundError, subprocess.CalledProcessError) as error:
