@@ -37,6 +37,7 @@ class Entry:
     options: tuple[str | Path, ...] = ()
     env: dict[str, str] = field(default_factory=dict)
     msec: list[float] = field(default_factory=list)
+    frames: int = FEWEST  # of a run
     working: dict[int, int] = field(default_factory=dict)  # image height -> bytes
     error: str = ""
 
@@ -73,11 +74,11 @@ def write_inputs(folder: Path, width: int, height: int) -> list[str | Path]:
     return pictures.write_inputs(folder, images, str(height))
 
 
-def frames(entry: Entry) -> int:
-    """How many frames the competitor's next run has, by the time that its first run took."""
-    if not entry.msec:
-        return FEWEST
-    return max(FEWEST, min(MOST, round(RUN_MSEC / entry.msec[0])))
+def settle(entry: Entry) -> None:
+    """Chooses how many frames a run has by the time of the first, which does not count."""
+    if entry.msec:
+        entry.frames = max(FEWEST, min(MOST, round(RUN_MSEC / entry.msec[0])))
+    entry.msec.clear()
 
 
 def measure(entry: Entry, inputs: list[str | Path], pixels: int, height: int, threads: int,
@@ -98,13 +99,13 @@ def measure(entry: Entry, inputs: list[str | Path], pixels: int, height: int, th
 
 
 def report(found: list[Entry], megapixels: float, height: int) -> None:
-    base = statistics.median(found[0].msec[1:]) if len(found[0].msec) > 1 else float("nan")
+    base = statistics.median(found[0].msec) if found[0].msec else float("nan")
     print(f"{'':30} {'msec':>9} {'ms/MP':>8} {'speed':>7}   {'MB':>7} {'MB, 2x height':>14}")
     for e in found:
-        if e.error or len(e.msec) < 2:
+        if e.error or not e.msec:
             print(f"{e.name:30} failed: {e.error}")
             continue
-        msec = statistics.median(e.msec[1:])  # the first run told how many frames to take
+        msec = statistics.median(e.msec)
         print(f"{e.name:30} {msec:9.1f} {msec / megapixels:8.1f} {base / msec:6.2f}x   "
               f"{e.working[height] / 1e6:7.1f} {e.working[2 * height] / 1e6:14.1f}")
     print("speed: OIDN fp32 unet = 1; MB: peak resident set above the image buffers")
@@ -128,10 +129,11 @@ def main() -> int:
             inputs = write_inputs(folder, width, height)
             tall = write_inputs(folder, width, 2 * height)
             for entry in found:
-                measure(entry, inputs, width * height, height, args.threads, FEWEST)
+                measure(entry, inputs, width * height, height, args.threads, entry.frames)
+                settle(entry)
             for _ in range(args.rounds):
                 for entry in found:
-                    measure(entry, inputs, width * height, height, args.threads, frames(entry))
+                    measure(entry, inputs, width * height, height, args.threads, entry.frames)
             for entry in found:
                 measure(entry, tall, 2 * width * height, 2 * height, args.threads, 1)
     except (oidn.PeerError, FileNotFoundError, subprocess.CalledProcessError) as error:

@@ -9,7 +9,7 @@ import numpy as np
 
 from export.pixels import Frame
 from export.quantizer import Quantizer
-from export.reference import NARROW_MAX, FloatModel, IntModel, denoise
+from export.reference import FloatModel, IntModel, denoise
 from training import color
 
 TAPS, SIGMA, C1, C2 = 11, 1.5, 0.01**2, 0.03**2  # SSIM
@@ -77,13 +77,12 @@ def layer_table(q: Quantizer) -> list[str]:
     for layer, made in zip(q.net.layers, q.model.layers, strict=True):
         name = layer.name
         signal = noise = 0.0
-        top = q.tops.get(name, NARROW_MAX)
         full, count, alive = 0, 0, np.zeros(made.outputs, bool)
         for floats, codes in zip(q.floats, q.codes, strict=True):
             wanted, got = floats[name].astype(np.float64), codes[name]
             signal += (wanted**2).sum()
             noise += ((got * q.steps[name] - wanted) ** 2).sum()
-            full, count = full + int((got == top).sum()), count + got.size
+            full, count = full + int((got == made.out_max).sum()), count + got.size
             alive |= (got > 0).any((0, 1))
         snr = 10 * math.log10(signal / noise) if signal and noise else math.inf
         lines.append(f"{name:<12} {snr:8.1f}   {100 * full / count:7.4f} %  "

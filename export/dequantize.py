@@ -7,7 +7,6 @@ import numpy as np
 
 from export import kernel
 from export.fold import FOLD
-from export.graph import ModelError
 from export.reference import NARROW_MAX, IntModel, int_model
 
 # Of a 3x3 kernel's nine taps: the 16 of its four phases, and the least-squares way back.
@@ -29,10 +28,8 @@ def scaled(weight: np.ndarray, step: np.ndarray, top: int, shift: int) -> np.nda
 
 def read_integer(tensors: Mapping[str, np.ndarray], file: str) -> IntModel:
     """An integer model of either family. ModelError if it is none."""
-    try:
-        return kernel.int_trunk(tensors, file)
-    except ModelError:
-        return int_model(tensors, file)
+    is_trunk = any(f"{net.key}.weight" in tensors for net in kernel.read_trunks())
+    return (kernel.int_trunk if is_trunk else int_model)(tensors, file)
 
 
 def float_tensors(tensors: Mapping[str, np.ndarray], file: str) -> dict[str, np.ndarray]:

@@ -70,15 +70,16 @@ static void make_rows(lull_patches *in, lull_patches *out, const lull_plan *plan
 {
     const lull_layer *layer = &plan->model->graph.layer[l];
     const lull_packed_layer *packed = &plan->model->layer[l];
-    unsigned source = layer->has_patches >> 1, side = lull_layer_patch_side(&plan->model->graph, l);
+    int is_wide = lull_layer_has_wide_patches(&plan->model->graph, l);
+    unsigned source = layer->has_patches >> 1, side = lull_patch_side(is_wide);
     size_t pixel = lull_ring_pixel(&plan->ring[l + 1]);
     in->patches = out->patches = n / side;
     make_points(in, plan, l, source, x, y);
-    out->is_wide = in->is_wide;
-    out->phase = in->is_wide ? LULL_PATCH_WIDE : LULL_PATCH_WHOLE;
+    out->is_wide = is_wide;
+    out->phase = LULL_PATCH_WHOLE;
     multiply(in, out, &plan->model->kernels,
              (const uint8_t *)plan->model + packed->patches[source]);
-    out->shift = in->is_wide ? packed->wide_shift : 0;
+    out->shift = is_wide ? packed->wide_shift : 0;
     out->is_pooled = layer->pool;
     out->is_raw = source && !lull_layer_has_phases(layer);
     out->raw_step = out->channels;
@@ -99,7 +100,7 @@ void lull_exec_patches(const lull_task *t, unsigned x, unsigned y, unsigned n, u
     uint8_t *base = (uint8_t *)plan->model;
     uint8_t *scratch = lull_exec_scratch(t, worker);
     unsigned rows = LULL_PATCH_SIDE << lull_layer_has_phases(layer);
-    unsigned side = lull_layer_patch_side(&plan->model->graph, t->layer);
+    unsigned side = lull_patch_side(lull_layer_has_wide_patches(&plan->model->graph, t->layer));
     int32_t *start;
     lull_patches in, out;
     lull_points points;

@@ -72,11 +72,10 @@ int lull_layer_has_phases(const lull_layer *layer)
     return layer->has_patches & 1 && lull_layer_is_up(layer);
 }
 
-unsigned lull_layer_patch_side(const lull_graph *graph, unsigned l)
+int lull_layer_has_wide_patches(const lull_graph *graph, unsigned l)
 {
     const lull_layer *layer = &graph->layer[l];
-    return lull_patch_side(layer->has_patches == 1 &&
-                           lull_graph_dtype(graph, layer->source[0]) == LULL_DTYPE_U15);
+    return layer->has_patches == 1 && lull_graph_dtype(graph, layer->source[0]) == LULL_DTYPE_U15;
 }
 
 /* Number of the tensor called `name` among those made so far; LULL_TENSOR_NONE if there is none. */

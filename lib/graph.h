@@ -106,8 +106,8 @@ int lull_layer_is_conv(const lull_layer *layer);
 int lull_layer_is_up(const lull_layer *layer);
 /* 1 if that one is packed for patches, too. */
 int lull_layer_has_phases(const lull_layer *layer);
-/* Rows and columns of the patches of layer l, if it is packed for them (patches.h). */
-unsigned lull_layer_patch_side(const lull_graph *graph, unsigned l);
+/* 1 if layer l is packed for patches of wide codes (patches.h). */
+int lull_layer_has_wide_patches(const lull_graph *graph, unsigned l);
 
 /* Outputs that no layer before makes, too. */
 unsigned lull_layer_own_outputs(const lull_layer *layer);

@@ -308,8 +308,7 @@ static size_t layout(lull_packed_layer *packed, const lull_graph *graph,
         packed->multiplier = lull_append(&total, outputs * 4);
     for (unsigned s = 0; s < 2; s++)
         if (graph->layer[l].has_patches >> s & 1) {
-            unsigned points = lull_patch_points(lull_layer_patch_side(graph, l) ==
-                                                LULL_PATCH_WIDE_SIDE);
+            unsigned points = lull_patch_points(lull_layer_has_wide_patches(graph, l));
             if (s == 0 && lull_layer_has_phases(&graph->layer[l]))
                 points = LULL_PATCH_WHOLE * LULL_PATCH_PHASE_POINTS;
             packed->patches[s] =
@@ -336,13 +335,12 @@ static void pack_layer(lull_model *model, unsigned l, const lull_tza *tza)
     for (unsigned s = 0; s < 2; s++) {
         int16_t *to = (int16_t *)(void *)(base + packed->patches[s]);
         int phases = s == 0 && lull_layer_has_phases(layer);
-        unsigned phase = phases ? 0 : LULL_PATCH_WHOLE, end = LULL_PATCH_WHOLE + !phases;
-        if (lull_layer_patch_side(&model->graph, l) == LULL_PATCH_WIDE_SIDE)
-            phase = LULL_PATCH_WIDE, end = LULL_PATCH_WIDE + 1;
         if (layer->has_patches >> s & 1)
-            for (; phase < end; phase++)
+            for (unsigned phase = phases ? 0 : LULL_PATCH_WHOLE;
+                 phase < LULL_PATCH_WHOLE + !phases; phase++)
                 to = lull_pack_patches(to, taps_of(&model->graph, &tensors, s), layer->outputs,
-                                       lull_layer_inputs(&model->graph, layer, s), lanes, phase);
+                                       lull_layer_inputs(&model->graph, layer, s), lanes, phase,
+                                       lull_layer_has_wide_patches(&model->graph, l));
     }
     for (unsigned i = 0; i < LULL_PACK_BLOCKS; i++)
         if (describe(&b, &model->graph, l, i, &tensors)) {

@@ -39,10 +39,10 @@ double lull_pack_point(const double *taps, const double *column, const double *r
 void lull_pack_winograd(float *out, const lull_tza_tensor *weight, unsigned outputs,
                         unsigned channels, unsigned offset, unsigned lanes, int is_up);
 
-/* Weights of patches, of a phase, LULL_PATCH_WHOLE or LULL_PATCH_WIDE, at the points that do not
+/* Weights of patches, of a phase or LULL_PATCH_WHOLE (always if is_wide), at the points that do not
  * vanish: [point][output / lanes][channel / 2][output % lanes][channel % 2]. Returns their end. */
 int16_t *lull_pack_patches(int16_t *out, const lull_tza_tensor *weight, unsigned outputs,
-                           unsigned channels, unsigned lanes, unsigned phase);
+                           unsigned channels, unsigned lanes, unsigned phase, int is_wide);
 
 /* 1 if no pixel's sum over bytes, or over wide codes up to LULL_PATCH_WIDE_MAX, can leave what
  * patches know of it; sums: how many there are, each of `taps` weights. */

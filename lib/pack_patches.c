@@ -41,10 +41,10 @@ static void read_taps(double *taps, const lull_tza_tensor *weight, unsigned outp
 }
 
 int16_t *lull_pack_patches(int16_t *out, const lull_tza_tensor *weight, unsigned outputs,
-                           unsigned channels, unsigned lanes, unsigned phase)
+                           unsigned channels, unsigned lanes, unsigned phase, int is_wide)
 {
-    const double(*side)[3] = phase == LULL_PATCH_WIDE ? wide_points : side_points;
-    unsigned n = phase == LULL_PATCH_WIDE ? 4 : 6, points = 0;
+    const double(*side)[3] = is_wide ? wide_points : side_points;
+    unsigned n = lull_patch_side(is_wide) + 2, points = 0;
     size_t whole = lull_align_up(outputs, lanes);
     for (unsigned o = 0; o < whole; o++)
         for (unsigned c = 0; c < channels; c++) {

@@ -34,21 +34,20 @@
 #define LULL_PATCH_WIDE_SHIFT 2u
 #define LULL_PATCH_WIDE_LIMIT (1 << 29)
 
-/* Taps of what is not upsampled, where a phase is asked for, and those on wide codes. */
+/* Taps of what is not upsampled, where a phase is asked for. */
 #define LULL_PATCH_WHOLE 4u
-#define LULL_PATCH_WIDE 5u
 #define LULL_PATCH_PHASE_POINTS 25u /* that do not vanish */
 
 /* Of a phase, 2 * (y & 1) + (x & 1), the row and the column of points whose weights vanish: the
  * taps of even rows (or columns) are the first two of three, those of odd ones the last two. 6, or
- * none, of the others. */
+ * none, of LULL_PATCH_WHOLE. */
 LULL_INLINE unsigned lull_patch_no_row(unsigned phase)
 {
-    return phase >= LULL_PATCH_WHOLE ? 6 : phase >> 1 ? 0 : 5;
+    return phase == LULL_PATCH_WHOLE ? 6 : phase >> 1 ? 0 : 5;
 }
 LULL_INLINE unsigned lull_patch_no_column(unsigned phase)
 {
-    return phase >= LULL_PATCH_WHOLE ? 6 : phase & 1 ? 0 : 5;
+    return phase == LULL_PATCH_WHOLE ? 6 : phase & 1 ? 0 : 5;
 }
 LULL_INLINE int lull_patch_vanishes(unsigned phase, unsigned k)
 {
@@ -88,7 +87,7 @@ typedef struct lull_patches {
     int32_t out_max; /* above 255: words are stored */
     size_t plane;
     unsigned channels, patches, shift;
-    unsigned phase; /* out: LULL_PATCH_WHOLE where there are none, LULL_PATCH_WIDE if is_wide */
+    unsigned phase; /* out: LULL_PATCH_WHOLE where there are none */
     int is_wide, is_pooled, is_raw;
     int is_small; /* out: as in lull_conv */
 } lull_patches;

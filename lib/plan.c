@@ -242,10 +242,11 @@ static void patch_planes(unsigned count[3], size_t bytes[3], const lull_plan *pl
 {
     const lull_graph *graph = &plan->model->graph;
     const lull_layer *layer = &graph->layer[l];
-    unsigned has_phases = lull_layer_has_phases(layer), side = lull_layer_patch_side(graph, l);
+    unsigned has_phases = lull_layer_has_phases(layer);
+    int is_wide = lull_layer_has_wide_patches(graph, l);
     memset(bytes, 0, 3 * sizeof *bytes);
     for (unsigned s = 0; s < 2; s++) {
-        size_t patches = columns / side >> (s == 0 && has_phases);
+        size_t patches = columns / lull_patch_side(is_wide) >> (s == 0 && has_phases);
         size_t points = patches * lull_layer_inputs(graph, layer, s) * sizeof(int16_t);
         size_t sums = patches * layer->outputs * sizeof(int32_t);
         if (!(layer->has_patches >> s & 1))
@@ -255,7 +256,7 @@ static void patch_planes(unsigned count[3], size_t bytes[3], const lull_plan *pl
     }
     if (has_phases || layer->has_patches > 1)
         bytes[1] = (size_t)columns * layer->outputs * sizeof(int32_t);
-    count[0] = count[2] = lull_patch_points(side == LULL_PATCH_WIDE_SIDE);
+    count[0] = count[2] = lull_patch_points(is_wide);
     count[1] = LULL_PATCH_SIDE << has_phases;
 }
 
@@ -285,8 +286,7 @@ unsigned lull_plan_chunk(const lull_plan *plan, unsigned l)
         planes_of(planes, bytes, plan, l, step / 12);
         for (unsigned i = 0; i < 3; i++)
             patch += planes[i] * (unsigned)bytes[i];
-        most = lull_layer_patch_side(graph, l) == LULL_PATCH_WIDE_SIDE ? WIDE_TASK_BYTES
-                                                                       : WINOGRAD_TASK_BYTES;
+        most = lull_layer_has_wide_patches(graph, l) ? WIDE_TASK_BYTES : WINOGRAD_TASK_BYTES;
         most = lull_max_u(most / 12 / patch, 1) * step;
         count = (width + most - 1) / most;
         rows = lull_max_u(rows / (lull_plan_rows(plan, l) << layer->pool), 1);

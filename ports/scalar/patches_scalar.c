@@ -18,17 +18,7 @@ static void make_side(int16_t *to, size_t to_step, const int16_t *d, size_t step
         to[i * to_step] = (int16_t)point[i];
 }
 
-/* Points of one channel of a patch: d are its 6x6 codes. */
-static void make_points(int16_t *points, size_t plane, const int16_t d[36])
-{
-    int16_t half[36];
-    for (unsigned i = 0; i < 6; i++)
-        make_side(half + i, 6, d + i, 6);
-    for (unsigned i = 0; i < 6; i++)
-        make_side(points + 6 * i * plane, plane, half + 6 * i, 1);
-}
-
-/* Four points likewise. */
+/* Four points likewise, of wide codes. */
 static void make_wide_side(int16_t *to, size_t to_step, const int16_t *d, size_t step)
 {
     int d0 = d[0], d1 = d[step], d2 = d[2 * step], d3 = d[3 * step];
@@ -38,14 +28,16 @@ static void make_wide_side(int16_t *to, size_t to_step, const int16_t *d, size_t
     to[3 * to_step] = (int16_t)(d1 - d3);
 }
 
-/* Points of one channel of a patch of wide codes: d are its 4x4 codes. */
-static void make_wide_points(int16_t *points, size_t plane, const int16_t d[16])
+/* Points of one channel of a patch: d are its 6x6 codes, or 4x4 wide ones. */
+static void make_points(int16_t *points, size_t plane, const int16_t *d, int is_wide)
 {
-    int16_t half[16];
-    for (unsigned i = 0; i < 4; i++)
-        make_wide_side(half + i, 4, d + i, 4);
-    for (unsigned i = 0; i < 4; i++)
-        make_wide_side(points + 4 * i * plane, plane, half + 4 * i, 1);
+    void (*side)(int16_t *, size_t, const int16_t *, size_t) = is_wide ? make_wide_side : make_side;
+    unsigned n = lull_patch_side(is_wide) + 2;
+    int16_t half[36];
+    for (unsigned i = 0; i < n; i++)
+        side(half + i, n, d + i, n);
+    for (unsigned i = 0; i < n; i++)
+        side(points + n * i * plane, plane, half + n * i, 1);
 }
 
 static int16_t code(const lull_patches *image, unsigned row, size_t at)
@@ -66,10 +58,7 @@ void lull_patches_in_scalar(const lull_patches *image)
             for (unsigned i = 0; i < field * field; i++)
                 d[i] = code(image, i / field,
                             (size_t)(side * p + i % field) * image->channels + c);
-            if (image->is_wide)
-                make_wide_points(to, image->plane, d);
-            else
-                make_points(to, image->plane, d);
+            make_points(to, image->plane, d, image->is_wide);
         }
 }
 

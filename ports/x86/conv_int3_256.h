@@ -2,7 +2,7 @@
  * idle, and are summed at the end. Included after conv_int_256.h, with CONV3 (the function's
  * name). */
 
-typedef __m128i four; /* the sums of a pixel's outputs, and 0 */
+#include "conv_int3.h"
 
 /* What a function for tiles is given besides: a run of segments of one width. */
 typedef struct int3_run {
@@ -17,29 +17,6 @@ LULL_INLINE four int3_add(vec a, vec b, vec c)
     vec z = add(_mm256_unpacklo_epi32(c, none), _mm256_unpackhi_epi32(c, none));
     x = add(_mm256_unpacklo_epi64(x, z), _mm256_unpackhi_epi64(x, z));
     return _mm_add_epi32(_mm256_castsi256_si128(x), _mm256_extracti128_si256(x, 1));
-}
-
-/* The last dwords of a run, those that do not fill a vector. */
-static four int3_rest(const lull_segment *segment, unsigned size, unsigned p)
-{
-    unsigned first = segment->length / LANES * LANES;
-    const uint8_t *x = (const uint8_t *)segment->row + size * (size_t)p * segment->step;
-    const uint8_t *w = (const uint8_t *)segment->weights;
-    int32_t sum[3] = {0, 0, 0};
-    for (unsigned k = 4 * first; k < 4 * segment->length; k += size)
-        for (unsigned o = 0; o < 3; o++) {
-            const uint8_t *weight = w + o * (size_t)4 * segment->length + k;
-            uint16_t element = x[k];
-            int16_t wide;
-            if (size == 2) {
-                memcpy(&element, x + k, sizeof element);
-                memcpy(&wide, weight, sizeof wide);
-            } else {
-                wide = (int8_t)*weight;
-            }
-            sum[o] += element * wide;
-        }
-    return _mm_setr_epi32(sum[0], sum[1], sum[2], 0);
 }
 
 /* Requantises a pixel's sums and stores them. */

@@ -7,16 +7,6 @@
     vec a##i = zero(), b##i = zero(), c##i = zero(); \
     four t##i = start;
 #define CLEAR(i, base, offset) a##i = b##i = c##i = zero();
-#define NARROW(i, base, offset)       \
-    value = load((base) + (offset));  \
-    DOT_NARROW(a##i, value, v0);      \
-    DOT_NARROW(b##i, value, v1);      \
-    DOT_NARROW(c##i, value, v2);
-#define WIDE(i, base, offset)         \
-    value = load((base) + (offset));  \
-    DOT_WIDE(a##i, value, v0);        \
-    DOT_WIDE(b##i, value, v1);        \
-    DOT_WIDE(c##i, value, v2);
 #define ADD(i, base, offset) t##i = _mm_add_epi32(t##i, int3_add(a##i, b##i, c##i));
 #define SHIFT(i, base, offset) \
     t##i = _mm_add_epi32(_mm_sra_epi32(_mm_add_epi32(t##i, half), count), bias);
@@ -51,12 +41,12 @@ static void TILE(const lull_conv *conv, const int3_run *wide, const int3_run *na
     {
         int3_run run = *wide;
         FOR_PIXELS(DECLARE)
-        RUN(WIDE)
+        RUN(INT3_WIDE)
         FOR_PIXELS(SHIFT)
         if (narrow->segment < narrow->end) {
             FOR_PIXELS(CLEAR)
             run = *narrow;
-            RUN(NARROW)
+            RUN(INT3_NARROW)
         }
         FOR_PIXELS(STORE)
     }
@@ -64,8 +54,6 @@ static void TILE(const lull_conv *conv, const int3_run *wide, const int3_run *na
 
 #undef DECLARE
 #undef CLEAR
-#undef NARROW
-#undef WIDE
 #undef ADD
 #undef SHIFT
 #undef REST

@@ -1,6 +1,7 @@
 /* Integer convolution to three outputs: vectors run over the elements of a run, so that no lane is
  * idle, and are summed at the end, those of four pixels together. Included after conv_int_512.h,
  * with CONV3 (the function's name). */
+#include "conv_int3.h"
 
 /* Sums within 128 bits: a, b, c, 0 of each. */
 LULL_INLINE vec int3_one(vec a, vec b, vec c)
@@ -19,25 +20,12 @@ LULL_INLINE vec int3_four(vec p, vec q, vec r, vec s)
 }
 
 /* The last dwords of the runs of `pixels` pixels, those that do not fill a vector. */
-static LULL_NOINLINE vec int3_rest(const lull_segment *segment, unsigned size, unsigned p,
-                                   unsigned pixels)
+static LULL_NOINLINE vec int3_rests(const lull_segment *segment, unsigned size, unsigned p,
+                                    unsigned pixels)
 {
     int32_t sum[LANES] = {0};
-    for (unsigned i = 0; i < pixels; i++) {
-        const uint8_t *x = (const uint8_t *)segment->row + size * (p + i) * (size_t)segment->step;
-        const uint8_t *w = (const uint8_t *)segment->weights;
-        for (unsigned o = 0; o < 3; o++, w += (size_t)4 * segment->length)
-            for (unsigned k = segment->length / LANES * LANES * 4; k < 4 * segment->length;
-                 k += size) {
-                uint16_t element = x[k];
-                int16_t weight = (int8_t)w[k];
-                if (size == 2) {
-                    memcpy(&element, x + k, sizeof element);
-                    memcpy(&weight, w + k, sizeof weight);
-                }
-                sum[4 * i + o] += element * weight;
-            }
-    }
+    for (unsigned i = 0; i < pixels; i++)
+        _mm_storeu_si128((__m128i *)(void *)(sum + 4 * i), int3_rest(segment, size, p + i));
     return load(sum);
 }
 

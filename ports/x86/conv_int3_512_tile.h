@@ -5,16 +5,6 @@
 #define FOR_PIXELS PIXELS_PASTE(PIXELS_, PIXELS)
 
 #define DECLARE(i, base, offset) vec a##i = zero(), b##i = zero(), c##i = zero();
-#define NARROW(i, base, offset)      \
-    value = load((base) + (offset)); \
-    DOT_NARROW(a##i, value, v0);     \
-    DOT_NARROW(b##i, value, v1);     \
-    DOT_NARROW(c##i, value, v2);
-#define WIDE(i, base, offset)        \
-    value = load((base) + (offset)); \
-    DOT_WIDE(a##i, value, v0);       \
-    DOT_WIDE(b##i, value, v1);       \
-    DOT_WIDE(c##i, value, v2);
 
 /* Sums of the pixels from p on over the segments from `first` to `end`, which have elements of
  * `size` bytes. */
@@ -29,14 +19,14 @@ LULL_INLINE vec RUN(const lull_conv *conv, unsigned first, unsigned end, unsigne
             const uint8_t *y = x + 3 * step;
             vec v0 = load(w), v1 = load(w + next), v2 = load(w + 2 * next), value;
             if (size == 2) {
-                FOR_PIXELS(WIDE)
+                FOR_PIXELS(INT3_WIDE)
             } else {
-                FOR_PIXELS(NARROW)
+                FOR_PIXELS(INT3_NARROW)
             }
             (void)y;
         }
         if (s->length % LANES)
-            rest = add(rest, int3_rest(s, size, p, PIXELS));
+            rest = add(rest, int3_rests(s, size, p, PIXELS));
     }
     return add(rest, INT3_SUM(a, b, c));
 }
@@ -54,8 +44,6 @@ static void TILE(const lull_conv *conv, const int3 *s)
 }
 
 #undef DECLARE
-#undef NARROW
-#undef WIDE
 #undef FOR_PIXELS
 #undef PIXELS
 #undef INT3_SUM

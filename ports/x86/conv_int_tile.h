@@ -53,10 +53,10 @@
 #define STORE_BYTES(i, j) STORE(BYTES | IS_SMALL * SMALL, i, j)
 #define STORE_WORDS(i, j) STORE(IS_SMALL * SMALL, i, j)
 #if defined(FINISH_FOUR) && VECTORS == 1 && PIXELS == 12
-#define STORE_ALL(how, LIST)                                        \
-    finish_four(&f, (how) | IS_SMALL * SMALL, 0, a0, a1, a2, a3);   \
-    finish_four(&f, (how) | IS_SMALL * SMALL, 4, a4, a5, a6, a7);   \
-    finish_four(&f, (how) | IS_SMALL * SMALL, 8, a8, a9, a10, a11);
+#define STORE_ALL(how, LIST)                 \
+    finish_four(&f, how, 0, a0, a1, a2, a3); \
+    finish_four(&f, how, 4, a4, a5, a6, a7); \
+    finish_four(&f, how, 8, a8, a9, a10, a11);
 #else
 #define STORE_ALL(how, LIST) FOR_PAIRS(LIST)
 #endif
@@ -168,9 +168,9 @@ static void TILE(const tile_row *row)
         }
         finish_tile(&f, row, p);
         if (f.size == 1) {
-            STORE_ALL(BYTES, STORE_BYTES)
+            STORE_ALL(BYTES | IS_SMALL * SMALL, STORE_BYTES)
         } else {
-            STORE_ALL(0, STORE_WORDS)
+            STORE_ALL(IS_SMALL * SMALL, STORE_WORDS)
         }
         finish_end(&f, row, p, PIXELS);
     }

@@ -292,9 +292,7 @@ static void patches_out_case(unsigned channels, unsigned patches, int is_wide, i
     w.is_raw = is_raw;
     w.is_small = (int)guard_below(2);
     w.shift = is_wide ? guard_below(16) : 0;
-    w.phase = is_wide     ? LULL_PATCH_WIDE
-              : is_pooled ? LULL_PATCH_WHOLE
-                          : guard_below(LULL_PATCH_WHOLE + 1);
+    w.phase = is_wide || is_pooled ? LULL_PATCH_WHOLE : guard_below(LULL_PATCH_WHOLE + 1);
     w.out_max = maxima[guard_below(5)];
     w.plane = (size_t)channels * patches + guard_below(20);
     points = lull_patch_points(is_wide) * w.plane;
