@@ -1,4 +1,4 @@
-/* What integer convolutions to three outputs share: included by conv_int3_256.h, conv_int3_512.h. */
+/* What integer convolutions to three outputs share: for conv_int3_256.h and conv_int3_512.h. */
 
 typedef __m128i four; /* the sums of a pixel's outputs, and 0 */
 
