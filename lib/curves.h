@@ -111,7 +111,8 @@ LULL_INLINE float srgb_inverse(float x)
  *     y <= y0: a y;   y <= y1: b y^c + d;   else e ln(y + f) + g
  * a 1412.83765  b 1.64593172  c 0.431384981  d -0.00294139609  e 0.192653254  f 0.00626026094
  * g 0.998620152  y0 1.57945760e-6  y1 0.0322087631; x0 = f(y0), x1 = f(y1); X = 3.13511903584.
- * Both upper pieces share one logarithm forward, and one exponential back. */
+ * Both upper pieces share one logarithm forward, and one exponential back. The last piece is also
+ * there alone: most blocks of a picture need no other. */
 #define PU_Y0 1.57945760e-06f
 #define PU_Y1 3.22087631e-02f
 #define PU_X0 7.1178066430e-04f /* x0 N */
@@ -119,6 +120,12 @@ LULL_INLINE float srgb_inverse(float x)
 #define PU_F 6.26026094e-03f
 #define PU_C_HIGH 0x1.b9ap-2f /* c in two parts */
 #define PU_C_LOW 0x1.cfc058p-14f
+
+LULL_INLINE float pu_forward_upper(float y)
+{
+    lull_logarithm l = lull_log2_parts(y + PU_F);
+    return 0.042593936086398f * (l.whole + l.part) + 0.31852702898491f; /* e ln(2) N, gN */
+}
 
 LULL_INLINE float pu_forward(float y)
 {
@@ -137,15 +144,27 @@ LULL_INLINE float pu_forward(float y)
 /* x <= x0: X/a x;   x <= x1: (X/b x - d/b)^(1/c);   else 2^(K x - G) - f, with K = X/(e ln 2)
  * and G = g/(e ln 2). K and G are split, and x too, so that the argument is reduced without
  * rounding. */
-LULL_INLINE float pu_inverse(float x)
+LULL_INLINE float pu_inverse_upper_argument(float v, float *part)
 {
     const float k_high = 0x1.77ap+4f, k_low = 0x1.f62c8p-11f;
     const float g_high = 0x1.de8p+2f, g_low = 0x1.b3c2c6p-10f;
+    float head = lull_float(lull_bits(v) & 0xfffff000u), tail = v - head;
+    float n = nearest((k_high + k_low) * v - (g_high + g_low));
+    *part = ((k_high * head - n) - g_high) + ((k_high * tail + k_low * v) - g_low);
+    return n;
+}
+
+LULL_INLINE float pu_inverse_upper(float x)
+{
+    float r, n = pu_inverse_upper_argument(at_most(x, 6.0f), &r);
+    return scale_wide(1.0f + exp2m1_part(r), (int32_t)n) - PU_F;
+}
+
+LULL_INLINE float pu_inverse(float x)
+{
     float v = at_most(flush_input(x), 6.0f); /* overflows from 5.7705 */
     uint32_t upper = mask_greater(signed_bits(v), signed_bits(PU_X1));
-    float head = lull_float(lull_bits(v) & 0xfffff000u), tail = v - head;
-    float n_high = nearest((k_high + k_low) * v - (g_high + g_low));
-    float r_high = ((k_high * head - n_high) - g_high) + ((k_high * tail + k_low * v) - g_low);
+    float r_high, n_high = pu_inverse_upper_argument(v, &r_high);
     lull_logarithm l = lull_log2_parts(1.9047685865362f * v + 0.0017870705414195f); /* X/b, -d/b */
     const float p_high = 0x1.28ap+1f, p_low = 0x1.7fe206p-11f; /* 1/c in two parts */
     float n_middle = nearest((p_high + p_low) * (l.whole + l.part));
@@ -206,35 +225,46 @@ LULL_INLINE void range_block(float *values, float low, float high, float scale)
     }
 }
 
+/* By a curve, or by its last piece where all values are above its lower end. */
+#define EACH(name)                         \
+    for (unsigned i = 0; i < BLOCK; i++) \
+        values[i] = name(values[i]);
+#define UPPER_OR_EACH(name, end)                                         \
+    uint32_t above = ~UINT32_C(0);                                       \
+    for (unsigned i = 0; i < BLOCK; i++)                                 \
+        above &= mask_greater(signed_bits(values[i]), signed_bits(end)); \
+    if (above)                                                           \
+        EACH(name##_upper)                                               \
+    else                                                                 \
+        EACH(name)
+
 /* A block of values to network values by one curve, and back by another. */
-#define CURVE_IN(name)                                                                             \
+#define CURVE_IN(name, CONVERT)                                                                    \
     static void name##_in(float *values, const lull_curve *curve)                                  \
     {                                                                                              \
         sanitize_block(values, curve->scale, curve->low, curve->high);                             \
         if (curve->is_signed)                                                                      \
             scale_block(values, 0.5f, 0.5f);                                                       \
-        for (unsigned i = 0; i < BLOCK; i++)                                                       \
-            values[i] = name(values[i]);                                                           \
+        CONVERT                                                                                    \
     }
-#define CURVE_OUT(name)                                                                            \
+#define CURVE_OUT(name, CONVERT)                                                                   \
     static void name##_out(float *values, const lull_curve *curve)                                 \
     {                                                                                              \
         sanitize_block(values, 1.0f, 0.0f, FLT_MAX);                                               \
-        for (unsigned i = 0; i < BLOCK; i++)                                                       \
-            values[i] = name(values[i]);                                                           \
+        CONVERT                                                                                    \
         if (curve->is_signed)                                                                      \
             scale_block(values, 2.0f, -1.0f);                                                      \
         range_block(values, curve->low, curve->high, curve->scale);                                \
     }
 
-CURVE_IN(linear)
-CURVE_IN(srgb_forward)
-CURVE_IN(pu_forward)
-CURVE_IN(log_forward)
-CURVE_OUT(linear)
-CURVE_OUT(srgb_inverse)
-CURVE_OUT(pu_inverse)
-CURVE_OUT(log_inverse)
+CURVE_IN(linear, EACH(linear))
+CURVE_IN(srgb_forward, EACH(srgb_forward))
+CURVE_IN(pu_forward, UPPER_OR_EACH(pu_forward, PU_Y1))
+CURVE_IN(log_forward, EACH(log_forward))
+CURVE_OUT(linear, EACH(linear))
+CURVE_OUT(srgb_inverse, EACH(srgb_inverse))
+CURVE_OUT(pu_inverse, UPPER_OR_EACH(pu_inverse, PU_X1))
+CURVE_OUT(log_inverse, EACH(log_inverse))
 
 /* All values of a row. */
 LULL_INLINE void curve_rows(curve_function *block, float *values, const lull_curve *curve, size_t n)
