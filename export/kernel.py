@@ -25,6 +25,16 @@ PER_CODE = F(0.0901684401)  # log2(e) / 16
 CONFIDENCE, BLEND, ALBEDO = 25, 26, 27
 HEAD_STEP = 1 / 16          # logit of one code
 
+# Smoothing along the result
+BILATERAL = "bilateral.scale"    # a tensor of one 1: the model asks for it
+NOISE_GAIN = F(128)              # noise codes per unit of relative difference
+WIDTH_PER_CODE = F(0.0017361111)  # 2 / (3 channels * 3 pixels * 128)
+WIDTH_MAX, WIDTH_MIN = F(0.4), F(0.001)
+RESULT_GAIN, ALBEDO_GAIN, NORMAL_GAIN = F(0.5), F(11), F(0.000384)
+NO_NORMAL = 128                  # code of the normal where there is none
+OFFSETS = ((-8, 0), (-4, 0), (-2, 0), (-1, 0), (1, 0), (2, 0), (4, 0), (8, 0),
+           (0, -2), (0, -1), (0, 1), (0, 2))  # (x, y) of the pixels averaged over
+
 
 @dataclass(frozen=True)
 class Trunk(Net):
@@ -79,8 +89,9 @@ class FloatTrunk(FloatModel):
 class IntTrunk(IntModel):
     """Exact execution of a K model: codes [H,W,12] in, head codes out."""
 
-    def __init__(self, trunk: Trunk, layers: list[IntLayer]):
+    def __init__(self, trunk: Trunk, layers: list[IntLayer], bilateral: bool = False):
         super().__init__(trunk, layers, np.full(INPUTS, 255.0), 1.0)
+        self.bilateral = bilateral  # smooths along the result
 
     def codes(self, x: np.ndarray) -> np.ndarray:
         """Codes / 255 to codes."""
@@ -118,7 +129,10 @@ def int_trunk(tensors: Mapping[str, np.ndarray], file: str) -> IntTrunk:
                                NARROW_MAX, NARROW_MAX, NARROW_MAX))
         check_layer(layers[-1], file)
         channels[name] = o
-    return IntTrunk(trunk, layers)
+    bilateral = BILATERAL in tensors
+    if bilateral and _tensor(tensors, BILATERAL, F, (1,), file)[0] != 1:
+        raise ModelError(f"{file}: {BILATERAL}: 1 is the only value known")
+    return IntTrunk(trunk, layers, bilateral)
 
 
 # ---- Input and filter ----------------------------------------------------------------------------
@@ -134,7 +148,7 @@ def encode(radiance: np.ndarray, albedo: np.ndarray | None, normal: np.ndarray |
     v = np.minimum(radiance, RADIANCE_MAX) / (a + EPS)
     log = _code(pixels.log2(F(1) + LOG_GAIN * v) * CODES_PER_OCTAVE)
     alb = np.zeros_like(log) if albedo is None else _code(albedo * F(255))
-    nrm = np.full_like(log, 128) if normal is None else _code(normal * F(127.5) + F(127.5))
+    nrm = np.full_like(log, NO_NORMAL) if normal is None else _code(normal * F(127.5) + F(127.5))
     flags = np.zeros_like(log)
     flags[:] = [255 * (albedo is not None), 255 * (normal is not None), 255 * clipped]
     return np.concatenate((log, alb, nrm, flags), -1)
@@ -177,9 +191,58 @@ def _upsampled(x: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     return x
 
 
-def apply_filter(heads: list[np.ndarray], radiance: np.ndarray,
-                 albedo: np.ndarray | None) -> np.ndarray:
-    """Filtered radiance [H,W,3]. heads: codes by level, of the padded size."""
+def both_ends(n: int, k: int) -> tuple[slice, slice]:
+    """The p of 0..n-1 for which p + k is one of them, too, and those p + k."""
+    low, high = max(k, 0), max(n + min(k, 0), 0)
+    return slice(max(-k, 0), max(n - low, 0)), slice(low, high)
+
+
+def _differences(v: np.ndarray, offset: tuple[int, int]) -> np.ndarray:
+    """v(p + offset) - v(p); 0 where p + offset lies outside. v [H,W,C], offset (x, y)."""
+    (to_x, from_x), (to_y, from_y) = (both_ends(n, k) for n, k in zip(v.shape[1::-1], offset))
+    out = np.zeros_like(v)
+    out[to_y, to_x] = v[from_y, from_x] - v[to_y, to_x]
+    return out
+
+
+def _summed(v: np.ndarray) -> np.ndarray:
+    return (v[..., :1] + v[..., 1:2]) + v[..., 2:]
+
+
+def _width(noise: np.ndarray) -> np.ndarray:
+    """Width in units of the result, float32 in [0.001, 0.4], from noise codes uint8 [H,W,1]."""
+    n = noise.astype(np.int32)
+    sums = np.concatenate((n[:, :1], n[:, :-1]), 1) + n + np.concatenate((n[:, 1:], n[:, -1:]), 1)
+    return np.maximum(np.minimum(sums.astype(F) * WIDTH_PER_CODE, WIDTH_MAX), WIDTH_MIN)
+
+
+def smoothed(out: np.ndarray, smooth: np.ndarray, first: np.ndarray,
+             normal_codes: np.ndarray) -> np.ndarray:
+    """The demodulated result, averaged along surfaces whose light is even, [H,W,3].
+
+    out: demodulated result >= 0, smooth: filtered albedo + EPS, first: demodulated input, all
+    float32 [H,W,3]; normal_codes: 0..255 [H,W,3], 128 where there are no normals.
+    """
+    level = out + EPS
+    noise = _code(NOISE_GAIN * _summed(np.abs(first - out) / level))
+    gain = (RESULT_GAIN / _width(noise)) / level
+    normal = normal_codes.astype(F)
+    weights, total = np.ones_like(out[..., :1]), np.zeros_like(out)
+    for k in OFFSETS:
+        change, a, n = (_differences(v, k) for v in (out, smooth, normal))
+        x = change * gain
+        t = (_summed(x * x) + ALBEDO_GAIN * _summed(a * a)) + NORMAL_GAIN * _summed(n * n)
+        w = np.maximum(F(1) - t, F(0))
+        w = w * w
+        weights = weights + w
+        total = total + w * change
+    return out + total / weights
+
+
+def apply_filter(heads: list[np.ndarray], radiance: np.ndarray, albedo: np.ndarray | None,
+                 normal_codes: np.ndarray | None = None) -> np.ndarray:
+    """Filtered radiance [H,W,3]. heads: codes by level, of the padded size; normal_codes: those of
+    the network's input, uint8 [H,W,3], to smooth along the result."""
     h, w, _ = radiance.shape
     table = weight_table()
     smooth = np.ones_like(radiance)
@@ -187,7 +250,8 @@ def apply_filter(heads: list[np.ndarray], radiance: np.ndarray,
         v = np.concatenate((np.ones((h, w, 1), F), albedo), -1)
         sums = sums_5x5(table[heads[0][:h, :w, ALBEDO:ALBEDO + TAPS]], v)
         smooth = sums[..., 1:] / sums[..., :1] + EPS
-    i, filtered, blends = np.minimum(radiance, RADIANCE_MAX) / smooth, [], []
+    first = np.minimum(radiance, RADIANCE_MAX) / smooth
+    i, filtered, blends = first, [], []
     for level in range(LEVELS):
         head = heads[level][:i.shape[0], :i.shape[1]]
         c = table[head[..., CONFIDENCE:CONFIDENCE + 1]]
@@ -201,6 +265,8 @@ def apply_filter(heads: list[np.ndarray], radiance: np.ndarray,
     for level in range(LEVELS - 2, -1, -1):
         f = filtered[level]
         out = f + blends[level] * (_upsampled(out, f.shape) - f)
+    if normal_codes is not None:
+        out = smoothed(out, smooth, first, normal_codes)
     return out * smooth
 
 
@@ -228,7 +294,8 @@ def run_frame(model: IntTrunk, frame: pixels.Frame, channels: int = 3) -> np.nda
     h, w, _ = r.shape
     codes = np.pad(codes, ((0, -h % ALIGN), (0, -w % ALIGN), (0, 0)))
     maps = model.maps(codes)
-    v = apply_filter([maps[n] for n in model.net.heads], r, aux["albedo"])
+    v = apply_filter([maps[n] for n in model.net.heads], r, aux["albedo"],
+                     codes[:h, :w, 6:9] if model.bilateral else None)
     v = pixels.sanitize(v, 1.0, 0.0, pixels.MAX)
     v = pixels.srgb_forward(v) if frame.content == "srgb" and not rule.is_signed else v
     return frame.stored(v, channels)

@@ -66,6 +66,8 @@ def tensors_of(model: kernel.IntTrunk) -> dict[str, np.ndarray]:
         if x.skip is not None:
             out[f"{name}.skip.weight"] = x.skip
         out[f"{name}.bias"], out[f"{name}.scale"] = x.bias, x.scale
+    if model.bilateral:
+        out[kernel.BILATERAL] = np.ones(1, np.float32)
     return out
 
 

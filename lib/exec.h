@@ -82,6 +82,11 @@ void lull_exec_filter(const lull_task *t, unsigned x, unsigned y, unsigned n, un
 void lull_exec_radiance(lull_encoding *from, const lull_task *t, float *block, unsigned x,
                         unsigned y, unsigned n);
 
+/* Likewise the normals, as floats in from->normal or, if that is NULL, as three codes a pixel in
+ * *codes; both are NULL without normals. */
+void lull_exec_normals(lull_encoding *from, const uint8_t **codes, const lull_task *t, float *block,
+                       unsigned x, unsigned y, unsigned n);
+
 /* Memory of a worker: lull_plan.scratch_bytes of it. */
 void *lull_exec_scratch(const lull_task *t, unsigned worker);
 

@@ -166,8 +166,13 @@ static void make_conv(const lull_task *t, unsigned x, unsigned y, unsigned n, un
                                       (const float *)(const void *)below, layer->outputs, n / 2);
 }
 
-/* Codes of the blend weights that the filter keeps beside its result, at pixel x. */
-static uint8_t *blend_codes(const lull_plan *plan, unsigned tensor, unsigned y, unsigned x)
+/* The codes that a layer of the filter keeps beside its result, at pixel x, and bytes from plane to
+ * plane of them. */
+static size_t code_plane(const lull_plan *plan, unsigned tensor)
+{
+    return lull_align_up(plan->row_width >> plan->ring[tensor].level, LULL_ALIGN);
+}
+static uint8_t *kept_codes(const lull_plan *plan, unsigned tensor, unsigned y, unsigned x)
 {
     const lull_ring *ring = &plan->ring[tensor];
     return lull_exec_row(plan, tensor, y) - lull_ring_left(ring) +
@@ -249,11 +254,55 @@ static void make_pooled(const lull_task *t, unsigned x, unsigned y, unsigned n,
 static void make_filtered(const lull_task *t, unsigned x, unsigned y, unsigned n,
                           const uint8_t *codes, size_t step, unsigned worker)
 {
-    uint8_t *kept = blend_codes(t->plan, t->layer + 1, y, x);
+    uint8_t *kept = kept_codes(t->plan, t->layer + 1, y, x);
     (void)worker;
     make_means(t, x, y, n, 0.0f, 0.0f, codes, step);
     for (unsigned i = 0; i < n; i++)
         kept[i] = codes[i * step + LULL_HEAD_BLEND];
+}
+
+/* Row y of level 0's result and what stands beside it, at pixel x. */
+static void get_surface(lull_surface *at, const lull_task *t, unsigned tensor, unsigned x,
+                        unsigned y)
+{
+    const lull_plan *plan = t->plan;
+    unsigned smooth = lull_graph_find(&plan->model->graph, LULL_OP_SMOOTH, 0);
+    at->v = lull_exec_floats(plan, tensor, y, x);
+    at->v_plane = lull_exec_plane(plan, tensor);
+    at->smooth = lull_exec_floats(plan, smooth, y, x);
+    at->smooth_plane = lull_exec_plane(plan, smooth);
+    at->codes = kept_codes(plan, tensor, y, x);
+    at->code_plane = code_plane(plan, tensor);
+}
+
+/* Columns of a row of level 0 that are inside the image. */
+static unsigned columns_inside(const lull_task *t)
+{
+    return lull_min_u(t->plan->frame.width, t->right) - t->left;
+}
+
+/* The codes beside level 0's result. */
+static void make_noise(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker)
+{
+    const lull_plan *plan = t->plan;
+    unsigned width = columns_inside(t), tensor = t->layer + 1;
+    unsigned end = y < plan->frame.height ? lull_min_u(x + n, width) : 0;
+    float *block = lull_exec_scratch(t, worker);
+    for (; x < end; x += LULL_BLOCK) {
+        unsigned count = lull_min_u(LULL_BLOCK, end - x);
+        size_t plane = code_plane(plan, tensor);
+        uint8_t *codes = kept_codes(plan, tensor, y, x);
+        const uint8_t *normal;
+        lull_encoding from = {0};
+        lull_surface at;
+        lull_exec_radiance(&from, t, block, t->left + x, y, count);
+        lull_exec_normals(&from, &normal, t, block + 3 * LULL_BLOCK, t->left + x, y, count);
+        get_surface(&at, t, tensor, x, y);
+        plan->model->kernels.noise(codes, &from, &at, count);
+        for (unsigned c = 0; !from.normal && c < 3; c++)
+            for (unsigned i = 0; i < count; i++)
+                codes[c * plane + i] = normal ? normal[3 * i + c] : 128;
+    }
 }
 
 static void make_blended(const lull_task *t, unsigned x, unsigned y, unsigned n,
@@ -269,7 +318,6 @@ static void make_blended(const lull_task *t, unsigned x, unsigned y, unsigned n,
     lull_blending blending;
     (void)codes;
     (void)step;
-    (void)worker;
     blending.out = lull_exec_floats(plan, t->layer + 1, y, x);
     blending.out_plane = lull_exec_plane(plan, t->layer + 1);
     blending.fine = lull_exec_floats(plan, layer->source[0], y, x);
@@ -277,12 +325,38 @@ static void make_blended(const lull_task *t, unsigned x, unsigned y, unsigned n,
     blending.near = lull_exec_floats(plan, tensor, lull_min_u(row, bottom - 1), x / 2);
     blending.far = lull_exec_floats(plan, tensor, lull_min_u(beside, bottom - 1), x / 2);
     blending.coarse_plane = lull_exec_plane(plan, tensor);
-    blending.codes = blend_codes(plan, layer->source[0], y, x);
+    blending.codes = kept_codes(plan, layer->source[0], y, x);
     blending.table = plan->model->blend_table;
     blending.pairs = 0;
     lull_filter_blend(
         &plan->model->kernels, &blending, -(int)(x / 2),
         (int)(lull_min_u(right, t->right >> level) - 1 - (t->left >> level)) - (int)(x / 2), n);
+    if (lull_graph_is_smoothed(&plan->model->graph, t->layer + 1))
+        make_noise(t, x, y, n, worker);
+}
+
+static void make_bilateral(const lull_task *t, unsigned x, unsigned y, unsigned n,
+                           const uint8_t *codes, size_t step, unsigned worker)
+{
+    static const int8_t beside[] = {-2, -1, 1, 2};
+    const lull_plan *plan = t->plan;
+    unsigned width = columns_inside(t), tensor = plan->model->graph.layer[t->layer].source[0];
+    lull_smoothing s;
+    (void)codes;
+    (void)step;
+    (void)worker;
+    if (y >= plan->frame.height || x >= width)
+        return;
+    s.out = lull_exec_floats(plan, t->layer + 1, y, x);
+    s.out_plane = lull_exec_plane(plan, t->layer + 1);
+    get_surface(&s.row, t, tensor, x, y);
+    for (unsigned k = 0; k < 4; k++) {
+        int other = (int)y + beside[k];
+        int is_there = other >= 0 && other < (int)plan->frame.height;
+        get_surface(&s.beside[k], t, tensor, x, is_there ? (unsigned)other : y);
+    }
+    lull_filter_bilateral(&plan->model->kernels, &s, -(int)x, (int)(width - 1) - (int)x,
+                          lull_min_u(n, width - x));
 }
 
 /* Columns [x, x+n) of row y of a layer of the filter; its codes are those of the last head it
@@ -291,12 +365,13 @@ void lull_exec_filter(const lull_task *t, unsigned x, unsigned y, unsigned n, un
 {
     static void (*const make[])(const lull_task *, unsigned, unsigned, unsigned, const uint8_t *,
                                 size_t, unsigned) = {
-        NULL, NULL, make_smooth, make_demodulated, make_pooled, make_filtered, make_blended};
+        NULL,        NULL,          make_smooth,  make_demodulated,
+        make_pooled, make_filtered, make_blended, make_bilateral};
     const lull_layer *layer = &t->plan->model->graph.layer[t->layer];
     unsigned head = layer->op == LULL_OP_DEMODULATE ? layer->source[2] : layer->source[1];
     size_t step = t->plan->ring[head].channels;
     const uint8_t *codes =
-        layer->op == LULL_OP_BLEND
+        layer->op >= LULL_OP_BLEND
             ? NULL
             : part_at(t, head, x, y, worker) - t->plan->model->graph.layer[head - 1].first;
     make[layer->op](t, x, y, n, codes, step, worker);

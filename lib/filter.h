@@ -14,4 +14,9 @@ uint32_t lull_filter_flags(const lull_encoding *from, int is_clipped);
 void lull_filter_blend(const lull_kernels *kernels, const lull_blending *blending, int first,
                        int last, unsigned n);
 
+/* The bilateral kernel for n pixels; of the columns that it reads those from `first` to `last`,
+ * relative to the smoothing's, exist. For the others stands the pixel itself. */
+void lull_filter_bilateral(const lull_kernels *kernels, const lull_smoothing *smoothing, int first,
+                           int last, unsigned n);
+
 #endif

@@ -1,5 +1,6 @@
 #include "graph.h"
 
+#include "bilateral.h"
 #include "patches.h"
 #include "winograd.h"
 
@@ -51,7 +52,8 @@ static int same(const char *a, const char *b)
 
 const char *lull_layer_name(const lull_layer *layer)
 {
-    static const char *const names[] = {"", "", "smooth", "demodulate", "pool", "filter", "blend"};
+    static const char *const names[] = {"", "", "smooth", "demodulate", "pool", "filter", "blend",
+                                        "bilateral"};
     if (layer->op == LULL_OP_CONV)
         return rows[layer->row].name;
     return layer->op == LULL_OP_HEAD ? heads[layer->row].name : names[layer->op];
@@ -99,7 +101,7 @@ unsigned lull_graph_find(const lull_graph *graph, lull_op op, unsigned level)
 
 unsigned lull_graph_channels(const lull_graph *graph, unsigned tensor)
 {
-    if (tensor == LULL_TENSOR_RADIANCE)
+    if (tensor == LULL_TENSOR_RADIANCE || tensor == LULL_TENSOR_NORMAL)
         return 3;
     if (tensor == LULL_TENSOR_ALBEDO)
         return 4;
@@ -285,14 +287,25 @@ static unsigned add_second_head(lull_graph *graph, unsigned head, unsigned v)
     return ++graph->layers;
 }
 
+/* Files of family K may ask for the filter's last step. */
+static lull_status asks_for_bilateral(const lull_tza *tza, int *asks)
+{
+    lull_tza_tensor tensor;
+    *asks = lull_tza_find(tza, "bilateral", ".scale", &tensor);
+    return !*asks || (has_shape(&tensor, 'f', 1, 0, 0) && lull_tza_float(&tensor, 0) == 1.0f)
+               ? LULL_OK
+               : LULL_ERROR_NETWORK;
+}
+
 /* The filter of family K, docs/kernel-prediction.md. */
-static lull_status add_filters(lull_graph *graph)
+static lull_status add_filters(lull_graph *graph, int has_bilateral)
 {
     static const lull_reads smooth[] = {LULL_READS_5, LULL_READS_ROW};
     static const lull_reads rows3[] = {LULL_READS_ROW, LULL_READS_ROW, LULL_READS_ROW};
     static const lull_reads pool[] = {LULL_READS_FINE, LULL_READS_ROW};
-    static const lull_reads blend[] = {LULL_READS_ROW, LULL_READS_COARSE};
-    unsigned head[K_LEVELS], filtered[K_LEVELS], v, result;
+    static const lull_reads blend[] = {LULL_READS_ROW, LULL_READS_COARSE, LULL_READS_ROW};
+    static const lull_reads bilateral[] = {LULL_READS_5, LULL_READS_5, LULL_READS_ROW};
+    unsigned head[K_LEVELS], filtered[K_LEVELS], v, even, result;
     for (unsigned s = 0; s < K_LEVELS; s++) {
         head[s] = lull_graph_find(graph, LULL_OP_HEAD, s);
         if (head[s] == LULL_TENSOR_NONE)
@@ -300,10 +313,10 @@ static lull_status add_filters(lull_graph *graph)
     }
     if (!graph->is_integer || graph->inputs != K_INPUTS || graph->levels != K_LEVELS - 1)
         return LULL_ERROR_NETWORK;
-    v = add_filter(graph, LULL_OP_SMOOTH, 0, 3,
-                   (unsigned[]){LULL_TENSOR_ALBEDO, head[0], LULL_TENSOR_NONE}, smooth);
-    v = add_filter(graph, LULL_OP_DEMODULATE, 0, 4, (unsigned[]){LULL_TENSOR_RADIANCE, v, head[0]},
-                   rows3);
+    even = add_filter(graph, LULL_OP_SMOOTH, 0, 3,
+                      (unsigned[]){LULL_TENSOR_ALBEDO, head[0], LULL_TENSOR_NONE}, smooth);
+    v = add_filter(graph, LULL_OP_DEMODULATE, 0, 4,
+                   (unsigned[]){LULL_TENSOR_RADIANCE, even, head[0]}, rows3);
     head[0] = add_second_head(graph, head[0], v);
     for (unsigned s = 0; s < K_LEVELS; s++) {
         if (s > 0)
@@ -314,8 +327,14 @@ static lull_status add_filters(lull_graph *graph)
     }
     result = filtered[K_LEVELS - 1];
     for (unsigned s = K_LEVELS - 1; s-- > 0;)
-        result = add_filter(graph, LULL_OP_BLEND, s, 3,
-                            (unsigned[]){filtered[s], result, LULL_TENSOR_NONE}, blend);
+        result = add_filter(
+            graph, LULL_OP_BLEND, s, 3,
+            (unsigned[]){filtered[s], result,
+                         s || !has_bilateral ? LULL_TENSOR_NONE : LULL_TENSOR_RADIANCE},
+            blend);
+    if (has_bilateral)
+        result = add_filter(graph, LULL_OP_BILATERAL, 0, 3,
+                            (unsigned[]){result, even, LULL_TENSOR_NORMAL}, bilateral);
     return result == LULL_TENSOR_NONE ? LULL_ERROR_NETWORK : LULL_OK;
 }
 
@@ -346,6 +365,8 @@ static unsigned reach(const lull_graph *graph, int is_exact)
                 most = lull_max_u(most, radius[layer->reads[s]]);
         if (is_exact && layer->is_winograd)
             most = LULL_WINOGRAD_COLUMNS;
+        if (layer->op == LULL_OP_BILATERAL)
+            most = LULL_BILATERAL_REACH;
         field += most << layer->level;
     }
     field += align - 1; /* phase of the pixel inside its coarsest cell */
@@ -378,6 +399,7 @@ lull_status lull_graph_build(lull_graph *graph, const lull_tza *tza)
     lull_tza_tensor tensor;
     lull_status status = LULL_OK;
     size_t n = 0;
+    int has_bilateral = 0;
     while (n < COUNT(nets) && !lull_tza_find(tza, nets[n].key, ".weight", &tensor))
         n++;
     if (n == COUNT(nets))
@@ -392,7 +414,9 @@ lull_status lull_graph_build(lull_graph *graph, const lull_tza *tza)
         if (same(heads[i].net, nets[n].name))
             status = add_head(graph, &heads[i], tza);
     if (status == LULL_OK && graph->family == LULL_FAMILY_K)
-        status = add_filters(graph);
+        status = asks_for_bilateral(tza, &has_bilateral);
+    if (status == LULL_OK && graph->family == LULL_FAMILY_K)
+        status = add_filters(graph, has_bilateral);
     if (status == LULL_OK && graph->family == LULL_FAMILY_U && graph->is_integer)
         status = read_maxima(graph, tza);
     if (status != LULL_OK)
@@ -418,12 +442,20 @@ int lull_graph_is_local(const lull_graph *graph, unsigned tensor)
     return tensor >= 1 && tensor <= graph->layers && layer->op == LULL_OP_HEAD && layer->level == 0;
 }
 
+int lull_graph_is_smoothed(const lull_graph *graph, unsigned tensor)
+{
+    const lull_layer *last = &graph->layer[graph->layers - 1];
+    return last->op == LULL_OP_BILATERAL && last->source[0] == tensor;
+}
+
 int lull_graph_planes(const lull_graph *graph, unsigned tensor)
 {
     unsigned op;
     if (tensor == LULL_TENSOR_ALBEDO)
         return 1;
     op = tensor >= 1 && tensor <= graph->layers ? graph->layer[tensor - 1].op : LULL_OP_CONV;
+    if (op == LULL_OP_BLEND && lull_graph_is_smoothed(graph, tensor))
+        return 1 + LULL_BILATERAL_CODES;
     return op == LULL_OP_FILTER ? 2 : op > LULL_OP_HEAD;
 }
 

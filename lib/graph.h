@@ -5,16 +5,17 @@
 #include "base.h"
 #include "tza.h"
 
-#define LULL_MAX_LAYERS 35
+#define LULL_MAX_LAYERS 36
 #define LULL_MAX_CHANNELS 1024 /* of any one tensor; bounds scratch memory and sums */
 
 /* Tensors are numbered: 0 is the input of the network, 1 + i the output of layer i. Family K also
- * keeps the unencoded radiance (r,g,b) and albedo (1,r,g,b; zeros outside the image) of the frame.
- */
+ * keeps of the frame the unencoded radiance (r,g,b), the albedo (1,r,g,b; zeros outside the image)
+ * and the codes of the normal. */
 #define LULL_TENSOR_INPUT 0
 #define LULL_TENSOR_RADIANCE (LULL_MAX_LAYERS + 1)
 #define LULL_TENSOR_ALBEDO (LULL_MAX_LAYERS + 2)
-#define LULL_TENSORS (LULL_MAX_LAYERS + 3)
+#define LULL_TENSOR_NORMAL (LULL_MAX_LAYERS + 3)
+#define LULL_TENSORS (LULL_MAX_LAYERS + 4)
 #define LULL_TENSOR_NONE 0xff
 
 /* Elements of a tensor: fp32, or integer codes in 8 bits (narrow) or in 15 of 16 bits (wide). */
@@ -33,7 +34,9 @@ typedef enum lull_op {
                          */
     LULL_OP_POOL,       /* the same of the next level, head of that level */
     LULL_OP_FILTER, /* it, head: filtered radiance (r,g,b), and the codes of the blend weights */
-    LULL_OP_BLEND   /* it, coarser result: result (r,g,b) */
+    LULL_OP_BLEND,  /* it, coarser result: result (r,g,b); for the next one also the codes of the
+                     * normal and of the noise, from the radiance */
+    LULL_OP_BILATERAL /* level 0's result, smooth, normal: smoothed; if the file asks for it */
 } lull_op;
 
 /* Rows of a source that row y of a layer sees. */
@@ -97,8 +100,11 @@ lull_dtype lull_graph_dtype(const lull_graph *graph, unsigned tensor);
 unsigned lull_graph_max(const lull_graph *graph, unsigned tensor);
 
 /* 1 if rows of the tensor are planes, one for each channel: those of the filter's layers and the
- * albedo; other rows interleave the channels. 2 if a plane of bytes follows. */
+ * albedo; other rows interleave the channels. Planes of bytes may follow: one more for each. */
 int lull_graph_planes(const lull_graph *graph, unsigned tensor);
+
+/* 1 if the filter's last step, which not all models have, reads a tensor as its result. */
+int lull_graph_is_smoothed(const lull_graph *graph, unsigned tensor);
 
 /* 1 if the layer has weights. */
 int lull_layer_is_conv(const lull_layer *layer);

@@ -9,6 +9,7 @@
 #ifndef LULL_KERNELS_H
 #define LULL_KERNELS_H
 
+#include "bilateral.h"
 #include "patches.h"
 #include "winograd.h"
 
@@ -92,6 +93,8 @@ typedef struct lull_conv {
  *     pixels i - 1 and i + 1 are there, too. With here = 0.75 near + 0.25 far of coarse pixel i,
  *     there = the same of i - 1 or i + 1: out = fine + beta ((0.75 here + 0.25 there) - fine), beta
  *     = table[codes[pixel]]. `table`: any 256 floats.
+ *
+ * noise, bilateral: bilateral.h.
  *
  * modulate: out = S(v * smooth, 1, 0, FLT_MAX) * unscale; out is an image.
  *

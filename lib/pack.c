@@ -414,8 +414,8 @@ static void choose_patches(lull_graph *graph, const lull_kernels *kernels, const
 }
 
 /* Graph, kernels and size of the model that these weights make. */
-static lull_status examine(lull_graph *graph, lull_kernels *kernels, size_t *bytes,
-                           const lull_tza *tza, uint32_t ports)
+LULL_NOINLINE static lull_status examine(lull_graph *graph, lull_kernels *kernels, size_t *bytes,
+                                         const lull_tza *tza, uint32_t ports)
 {
     lull_packed_layer packed;
     lull_status status = lull_graph_build(graph, tza);

@@ -51,9 +51,12 @@ int lull_plan_has(const lull_plan *plan, unsigned tensor)
         return tensor <= graph->layers;
     if (graph->family != LULL_FAMILY_K)
         return 0;
-    return tensor == LULL_TENSOR_RADIANCE
-               ? (int)plan->keeps_rows
-               : tensor == LULL_TENSOR_ALBEDO && !(~plan->frame.features & 3u);
+    if (tensor == LULL_TENSOR_ALBEDO)
+        return !(~plan->frame.features & 3u);
+    if (tensor == LULL_TENSOR_NORMAL &&
+        (graph->layer[graph->layers - 1].op != LULL_OP_BILATERAL || plan->frame.features < 5))
+        return 0;
+    return (int)plan->keeps_rows;
 }
 
 unsigned lull_plan_albedo(const lull_plan *plan)
@@ -160,11 +163,12 @@ static void play(lull_plan *plan)
         plan->ring[t].rows = 1;
     while (plan->stored < plan->height) {
         plan->done[0] = lull_min_u(plan->done[0] + plan->row_step, plan->height);
-        plan->done[LULL_TENSOR_RADIANCE] = plan->done[0];
+        plan->done[LULL_TENSOR_RADIANCE] = plan->done[LULL_TENSOR_NORMAL] = plan->done[0];
         if (plan->keeps_rows)
             plan->done[LULL_TENSOR_ALBEDO] = plan->done[0];
         grow_ring(plan, LULL_TENSOR_INPUT);
         grow_ring(plan, LULL_TENSOR_RADIANCE);
+        grow_ring(plan, LULL_TENSOR_NORMAL);
         grow_ring(plan, LULL_TENSOR_ALBEDO);
         for (unsigned l = 0; l < graph->layers; l++) {
             if (graph->layer[l].op == LULL_OP_SMOOTH && !plan->keeps_rows) {
@@ -336,7 +340,7 @@ static size_t layout_rings(lull_plan *plan, size_t *total)
         row |= LULL_ALIGN; /* an odd number of lines: rows fall into different cache sets */
         if (planes) {
             ring->plane_units = (uint16_t)(row / LULL_ALIGN);
-            row = row * ring->channels + (planes > 1 ? lull_align_up(width, LULL_ALIGN) : 0);
+            row = row * ring->channels + (size_t)(planes - 1) * lull_align_up(width, LULL_ALIGN);
             row |= LULL_ALIGN;
         }
         ring->row_units = (uint32_t)(row / LULL_ALIGN);
@@ -383,7 +387,7 @@ static void layout(lull_plan *plan)
 }
 
 /* The narrowest plan, with the row step that then needs least. */
-static void layout_minimum(lull_plan *plan)
+LULL_NOINLINE static void layout_minimum(lull_plan *plan)
 {
     unsigned best = 0;
     size_t least = (size_t)-1;

@@ -40,9 +40,9 @@ size_t lull_ring_left(const lull_ring *ring);
 #define LULL_SCRATCH_LOCAL (LULL_BLOCK * (9 * sizeof(float) + 1))
 
 /* Tensors made of the input images. */
-#define LULL_LOADED 3u
+#define LULL_LOADED 4u
 static const uint8_t lull_loaded[LULL_LOADED] = {LULL_TENSOR_INPUT, LULL_TENSOR_RADIANCE,
-                                                 LULL_TENSOR_ALBEDO};
+                                                 LULL_TENSOR_ALBEDO, LULL_TENSOR_NORMAL};
 
 struct lull_plan {
     const lull_model *model;
@@ -64,8 +64,8 @@ struct lull_plan {
     size_t saved; /* columns that an in-place run would overwrite before the next strip reads them
                    */
     unsigned saved_width;
-    unsigned keeps_rows; /* family K: radiance and albedo are kept from the input on; else images
-                          * are read again */
+    unsigned keeps_rows; /* family K: radiance, albedo and normals are kept from the input on; else
+                          * images are read again */
     /* State of a run: rows made of every tensor, and stored of the output. */
     unsigned strip, stored;
     float scale;

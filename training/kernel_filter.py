@@ -8,6 +8,8 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
+from export.kernel import (ALBEDO_GAIN, NOISE_GAIN, NORMAL_GAIN, OFFSETS, RESULT_GAIN, WIDTH_MAX,
+                           WIDTH_MIN, WIDTH_PER_CODE, both_ends)
 from training import fused
 
 SIDE, RADIUS, TAPS = 5, 2, 25
@@ -113,9 +115,7 @@ def plain(heads: list[Tensor], radiance: Tensor, albedo: Tensor, has_albedo: Ten
     whole: logits are rounded to codes."""
     parts = [split_codes(q.to(radiance.dtype), PARTS if level else FULL_PARTS, whole)
              for level, q in enumerate(heads)]
-    s = kernel_filter(parts[0][3], torch.cat((torch.ones_like(has_albedo), albedo), 1))
-    smooth = s[:, 1:] / s[:, :1]
-    smooth = smooth * has_albedo + (1.0 - EPS) * (1.0 - has_albedo) + EPS
+    smooth = divisor(parts[0][3], albedo, has_albedo)
     i = radiance.clamp(0.0, RADIANCE_MAX) / smooth
     filtered = []
     for level in range(LEVELS):
@@ -132,6 +132,54 @@ def plain(heads: list[Tensor], radiance: Tensor, albedo: Tensor, has_albedo: Ten
         f = filtered[level]
         out = f + beta * (upsample(out)[..., :f.shape[-2], :f.shape[-1]] - f)
     return out * smooth
+
+
+def divisor(logits: Tensor, albedo: Tensor, has_albedo: Tensor) -> Tensor:
+    """Filtered albedo + EPS, [N,3,H,W], from the logits of its kernel; 1 without albedo."""
+    s = kernel_filter(logits, torch.cat((torch.ones_like(has_albedo), albedo), 1))
+    smooth = s[:, 1:] / s[:, :1]
+    return smooth * has_albedo + (1.0 - EPS) * (1.0 - has_albedo) + EPS
+
+
+def smooth_result(out: Tensor, head: Tensor, radiance: Tensor, albedo: Tensor, has_albedo: Tensor,
+                  normal_codes: Tensor) -> Tensor:
+    """The result `out` of apply_filter after smoothing along it, [N,3,H,W].
+
+    head: that of full resolution; normal_codes: whole numbers of 0..255, [N,3,H,W].
+    """
+    logits = split_codes(head.to(radiance.dtype), FULL_PARTS)[3]
+    s = divisor(logits, albedo, has_albedo)
+    return smoothed(out / s, s, radiance.clamp(0.0, RADIANCE_MAX) / s, normal_codes) * s
+
+
+def differences(v: Tensor, offset: tuple[int, int]) -> Tensor:
+    """v(p + offset) - v(p) of v [N,C,H,W]; 0 where p + offset, (x, y), lies outside."""
+    (to_x, from_x), (to_y, from_y) = (both_ends(n, k) for n, k in zip(v.shape[:1:-1], offset))
+    out = torch.zeros_like(v)
+    out[..., to_y, to_x] = v[..., from_y, from_x] - v[..., to_y, to_x]
+    return out
+
+
+def smoothed(out: Tensor, smooth: Tensor, first: Tensor, normal_codes: Tensor) -> Tensor:
+    """export.kernel.smoothed of tensors [N,3,H,W]."""
+    def summed(v: Tensor) -> Tensor:
+        return (v[:, :1] + v[:, 1:2]) + v[:, 2:]
+
+    level = out + EPS
+    noise = float(NOISE_GAIN) * summed((first - out).abs() / level)
+    noise = torch.floor(noise + 0.5).clamp(max=255.0)
+    noise = F.pad(noise, (1, 1, 0, 0), mode="replicate")
+    width = (noise[..., :-2] + noise[..., 1:-1] + noise[..., 2:]) * float(WIDTH_PER_CODE)
+    gain = (float(RESULT_GAIN) / width.clamp(float(WIDTH_MIN), float(WIDTH_MAX))) / level
+    weights, total = torch.ones_like(level[:, :1]), torch.zeros_like(out)
+    for k in OFFSETS:
+        change, a, n = (differences(v, k) for v in (out, smooth, normal_codes))
+        t = (summed((change * gain).square()) + float(ALBEDO_GAIN) * summed(a.square())
+             + float(NORMAL_GAIN) * summed(n.square()))
+        w = (1.0 - t).clamp(min=0.0).square()
+        weights = weights + w
+        total = total + w * change
+    return out + total / weights
 
 
 def split_codes(q: Tensor, counts: list[int], whole: bool = True) -> tuple[Tensor, ...]:

@@ -15,11 +15,12 @@ from training.quantize_aware import IntegerHead, IntegerLayer
 
 
 class IntegerKernel(nn.Module):
-    """An integer K model as a torch module: [N,12,H,W] codes of `planes` -> [N,3,H,W] codes."""
+    """An integer K model as a torch module: [N,12,H,W] codes of `planes` -> [N,3,H,W] codes; in
+    evaluation mode with the smoothing along the result if the model has it."""
 
     def __init__(self, model: IntTrunk, transfer: str):
         super().__init__()
-        self.net, self.transfer = model.net, transfer
+        self.net, self.transfer, self.bilateral = model.net, transfer, model.bilateral
         self.layers = nn.ModuleList(
             (IntegerHead if x.layer.name in model.net.heads else IntegerLayer)(x)
             for x in model.layers)
@@ -33,11 +34,12 @@ class IntegerKernel(nn.Module):
         return [(maps[name] / STEP).to(codes.dtype) for name in self.net.heads]
 
     def forward(self, x: Tensor) -> Tensor:
-        return kernel_model.run(self.trunk, self.transfer, x)
+        return kernel_model.run(self.trunk, self.transfer, x,
+                                smooth=self.bilateral and not self.training)
 
     def integer_model(self) -> IntTrunk:
         """The model as it is now; ModelError if sums could leave 32 bits."""
-        model = IntTrunk(self.net, [x.rounded() for x in self.layers])
+        model = IntTrunk(self.net, [x.rounded() for x in self.layers], self.bilateral)
         for x in model.layers:
             check_layer(x, "trained model")
         return model

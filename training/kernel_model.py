@@ -15,7 +15,7 @@ from torch import Tensor
 
 from export.kernel import without_black
 from training import color
-from training.kernel_filter import apply_filter
+from training.kernel_filter import apply_filter, smooth_result
 from training.kernel_net import KernelNet, encode
 from training.pointwise import from_codes, to_codes
 from training.trunk import arithmetic
@@ -47,10 +47,11 @@ def planes(codes: np.ndarray, features: list[str], has_albedo: bool = True,
 
 
 def run(trunk: Callable[[Tensor], list[Tensor]], transfer: str, x: Tensor,
-        kind: torch.dtype = torch.float32) -> Tensor:
+        kind: torch.dtype = torch.float32, smooth: bool = False) -> Tensor:
     """Codes [N,12,H,W] -> codes [N,3,H,W] of the filtered radiance, any height and width.
 
     trunk: network input (codes / 255) in `kind`, sides multiples of 16 -> heads by level.
+    smooth: with the smoothing along the result, which has no weights and is no part of training.
     """
     radiance = from_codes(transfer, x[:, :3])
     codes = encode(radiance, x, kind)
@@ -59,18 +60,25 @@ def run(trunk: Callable[[Tensor], list[Tensor]], transfer: str, x: Tensor,
     heads = trunk(F.pad(codes, (0, -w % ALIGN, 0, -h % ALIGN)) if odd else codes)
     if odd:  # padding is no part of the image for the filter
         heads = [head[..., :-(-h >> s), :-(-w >> s)] for s, head in enumerate(heads)]
-    out = apply_filter(heads, radiance, x[:, 3:6], x[:, 9:10])
+    images = radiance, x[:, 3:6], x[:, 9:10]
+    out = apply_filter(heads, *images)
+    if smooth:
+        out = smooth_result(out, heads[0], *images, (codes[:, 6:9].to(x.dtype) * 255.0).round())
     return to_codes(transfer, out, LOWEST, color.HDR_MAX)
 
 
 class KernelModel(KernelNet):
-    """A K net that maps the codes of `planes` to those of the result."""
+    """A K net that maps the codes of `planes` to those of the result.
+
+    bilateral: in evaluation mode with the smoothing along the result."""
 
     align = 1  # it pads by itself
+    bilateral = False
 
     def __init__(self, net, heads, widths: list[int], transfer: str = "pu"):
         super().__init__(net, heads, widths)
         self.transfer = transfer
 
     def forward(self, x: Tensor) -> Tensor:
-        return run(self.trunk, self.transfer, x, arithmetic(x))
+        return run(self.trunk, self.transfer, x, arithmetic(x),
+                   smooth=self.bilateral and not self.training)

@@ -16,6 +16,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
+from export.kernel import BILATERAL
 from training.kernel_model import KernelModel
 from training.kernel_net import parse_heads
 
@@ -168,6 +169,8 @@ def from_tensors(tensors: dict) -> nn.Module:
     model = _module(net, int(tensors[f"{net.layers[0].name}.weight"].shape[1]), widths)
     wanted = model.state_dict()
     model.load_state_dict({k: _tensor(tensors[k]) for k in wanted})
+    if BILATERAL in tensors:
+        model.bilateral = True
     return model
 
 

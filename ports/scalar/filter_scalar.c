@@ -14,6 +14,11 @@ static float log2_of(float u)
     return l.whole + l.part;
 }
 
+static uint8_t normal_code(float n)
+{
+    return to_code(lull_sane(n, 1.0f, -1.0f, 1.0f) * 127.5f + 127.5f);
+}
+
 static float radiance_at(const lull_encoding *from, size_t i)
 {
     return lull_sane(from->radiance[i], from->scale, 0.0f, from->most);
@@ -25,11 +30,10 @@ void lull_encode_scalar(uint8_t *codes, const lull_encoding *from, unsigned pixe
     for (size_t i = 0; i < pixels; i++, codes += 12) {
         for (size_t at = 3 * i, c = 0; c < 3; at++, c++) {
             float a = albedo ? lull_sane(albedo[at], 1.0f, 0.0f, 1.0f) : 1.0f - LULL_FILTER_EPSILON;
-            float n = normal ? lull_sane(normal[at], 1.0f, -1.0f, 1.0f) : 0.0f;
             float v = radiance_at(from, at) / (a + LULL_FILTER_EPSILON);
             codes[c] = to_code(log2_of(1.0f + LULL_LOG_GAIN * v) * LULL_CODES_PER_OCTAVE);
             codes[3 + c] = albedo ? to_code(a * 255.0f) : 0;
-            codes[6 + c] = normal ? to_code(n * 127.5f + 127.5f) : 128;
+            codes[6 + c] = normal ? normal_code(normal[at]) : 128;
             codes[9 + c] = (uint8_t)(from->flags >> 8 * c);
         }
     }
@@ -105,5 +109,69 @@ void lull_luminance_scalar(float *sums, const float *pixels, unsigned n)
         for (unsigned c = 0; c < 3; c++)
             v[c] = lull_sane(pixels[c], 1.0f, 0.0f, LULL_LARGEST);
         sums[i] += (0.212671f * v[0] + 0.715160f * v[1]) + 0.072169f * v[2];
+    }
+}
+
+void lull_noise_scalar(uint8_t *codes, const lull_encoding *from, const lull_surface *at,
+                       unsigned pixels)
+{
+    for (size_t i = 0; i < pixels; i++) {
+        float d[3];
+        for (size_t c = 0; c < 3; c++) {
+            float v = at->v[c * at->v_plane + i];
+            float e = radiance_at(from, 3 * i + c) / at->smooth[c * at->smooth_plane + i] - v;
+            d[c] = (e < 0.0f ? -e : e) / (v + LULL_FILTER_EPSILON);
+            if (from->normal)
+                codes[c * at->code_plane + i] =
+                    normal_code(from->normal[3 * i + c]);
+        }
+        codes[3 * at->code_plane + i] = to_code(LULL_NOISE_CODES * ((d[0] + d[1]) + d[2]));
+    }
+}
+
+/* The weight of pixel j of `other` for pixel i of `row`, g being what differences of its channels
+ * count. Those go to `change`. */
+static float weight_of(const lull_surface *row, ptrdiff_t i, const lull_surface *other, ptrdiff_t j,
+                       const float *g, float *change)
+{
+    float x[3], s[3], n[3], t, w;
+    const float *v = row->v + i, *smooth = row->smooth + i;
+    const float *w_v = other->v + j, *w_smooth = other->smooth + j;
+    const uint8_t *codes = row->codes + i, *w_codes = other->codes + j;
+    for (size_t c = 0; c < 3; c++) {
+        change[c] = w_v[c * other->v_plane] - v[c * row->v_plane];
+        x[c] = change[c] * g[c];
+        s[c] = w_smooth[c * other->smooth_plane] - smooth[c * row->smooth_plane];
+        n[c] = (float)(w_codes[c * other->code_plane] - codes[c * row->code_plane]);
+    }
+    t = (x[0] * x[0] + x[1] * x[1]) + x[2] * x[2];
+    t = t + LULL_SMOOTH_SCALE * ((s[0] * s[0] + s[1] * s[1]) + s[2] * s[2]);
+    t = t + LULL_NORMAL_SCALE * ((n[0] * n[0] + n[1] * n[1]) + n[2] * n[2]);
+    w = 1.0f - t > 0.0f ? 1.0f - t : 0.0f;
+    return w * w;
+}
+
+void lull_bilateral_scalar(const lull_smoothing *s)
+{
+    static const int8_t columns[] = {-8, -4, -2, -1, 1, 2, 4, 8};
+    const lull_surface *row = &s->row;
+    for (ptrdiff_t i = 0; i < (ptrdiff_t)s->pixels; i++) {
+        const uint8_t *noise = row->codes + 3 * row->code_plane + i;
+        float width = (float)(noise[-1] + noise[0] + noise[1]) * LULL_NOISE_WIDTH;
+        float g[3], change[3], sum[3] = {0.0f, 0.0f, 0.0f}, weights = 1.0f;
+        width = width < LULL_WIDEST ? width : LULL_WIDEST;
+        width = 0.5f / (width > LULL_NARROWEST ? width : LULL_NARROWEST);
+        for (size_t c = 0; c < 3; c++)
+            g[c] = width / (row->v[c * row->v_plane + (size_t)i] + LULL_FILTER_EPSILON);
+        for (unsigned k = 0; k < 12; k++) {
+            float w = k < 8 ? weight_of(row, i, row, i + columns[k], g, change)
+                            : weight_of(row, i, &s->beside[k - 8], i, g, change);
+            weights += w;
+            for (unsigned c = 0; c < 3; c++)
+                sum[c] += w * change[c];
+        }
+        for (size_t c = 0; c < 3; c++)
+            s->out[c * s->out_plane + (size_t)i] =
+                row->v[c * row->v_plane + (size_t)i] + sum[c] / weights;
     }
 }

@@ -160,4 +160,24 @@ LULL_INLINE ivec high32(ivec a, ivec b) { return _mm256_unpackhi_epi32(a, b); }
 LULL_INLINE ivec low64(ivec a, ivec b) { return _mm256_unpacklo_epi64(a, b); }
 LULL_INLINE ivec high64(ivec a, ivec b) { return _mm256_unpackhi_epi64(a, b); }
 
+LULL_INLINE vec bytes(const uint8_t *p, unsigned n)
+{
+    uint8_t part[LANES] = {0};
+    if (n < LANES) {
+        memcpy(part, p, n);
+        p = part;
+    }
+    return number(_mm256_cvtepu8_epi32(_mm_loadl_epi64((const __m128i *)(const void *)p)));
+}
+
+LULL_INLINE void put_bytes(uint8_t *p, ivec q, unsigned n)
+{
+    uint8_t part[LANES];
+    __m128i w = _mm_packs_epi32(_mm256_castsi256_si128(q), _mm256_extracti128_si256(q, 1));
+    _mm_storel_epi64((__m128i *)(void *)(n < LANES ? part : p), _mm_packus_epi16(w, w));
+    if (n < LANES)
+        memcpy(p, part, n);
+}
+
 #include "filter_rows.h"
+#include "bilateral_rows.h"

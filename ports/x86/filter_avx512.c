@@ -151,4 +151,15 @@ LULL_INLINE ivec high32(ivec a, ivec b) { return _mm512_unpackhi_epi32(a, b); }
 LULL_INLINE ivec low64(ivec a, ivec b) { return _mm512_unpacklo_epi64(a, b); }
 LULL_INLINE ivec high64(ivec a, ivec b) { return _mm512_unpackhi_epi64(a, b); }
 
+LULL_INLINE vec bytes(const uint8_t *p, unsigned n)
+{
+    return number(_mm512_cvtepu8_epi32(_mm_maskz_loadu_epi8(first_lanes(n), p)));
+}
+
+LULL_INLINE void put_bytes(uint8_t *p, ivec q, unsigned n)
+{
+    _mm512_mask_cvtepi32_storeu_epi8(p, first_lanes(n), q);
+}
+
 #include "filter_rows.h"
+#include "bilateral_rows.h"

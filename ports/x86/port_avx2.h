@@ -30,6 +30,9 @@ void lull_shrink_avx2(float *out, size_t out_plane, const float *above, const fl
                      size_t plane, const uint8_t *codes, size_t code_step, const float *table,
                      unsigned pixels);
 void lull_blend_avx2(const lull_blending *blending);
+void lull_noise_avx2(uint8_t *codes, const lull_encoding *from, const lull_surface *at,
+                     unsigned pixels);
+void lull_bilateral_avx2(const lull_smoothing *smoothing);
 void lull_modulate_avx2(float *out, const float *v, size_t plane, const float *smooth,
                        size_t smooth_plane, float unscale, unsigned pixels);
 void lull_luminance_avx2(float *sums, const float *pixels, unsigned n);

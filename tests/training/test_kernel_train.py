@@ -219,7 +219,7 @@ def test_any_size_equals_the_reference(height, width):
     features = ["hdr", "alb", "nrm"]
     codes = np.concatenate([images["color"], images["albedo"], images["normal"] / 2 + 0.5], -1)
     x = kernel_model.planes(codes, features)
-    net = IntegerKernel(model, "linear")
+    net = IntegerKernel(model, "linear").eval()
     with torch.no_grad():
         got = net(torch.from_numpy(x.transpose(2, 0, 1).copy())[None])[0].numpy().transpose(1, 2, 0)
     assert np.abs(got - want).mean() < 2e-3 and np.median(np.abs(got - want)) < 1e-5

@@ -1,0 +1,34 @@
+#!/usr/bin/env python3
+"""Let a model of family K smooth along its result, or no longer: python -m export.bilateral IN OUT
+
+What the filter's step 6 does (docs/kernel-prediction.md) has no trained weights: a file asks for it
+by the tensor `bilateral.scale`, a single 1. IN and OUT: .tza, integer; they may be the same.
+"""
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from export import kernel
+from export.quantize import write_tensors
+from export.quantize_kernel import tensors_of
+from training import errors
+
+
+def main(argv: list[str]) -> None:
+    parser = argparse.ArgumentParser("export.bilateral", description=__doc__,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("input", type=Path)
+    parser.add_argument("output", type=Path)
+    parser.add_argument("--off", action="store_true", help="no longer")
+    args = parser.parse_args(argv)
+    try:
+        model = kernel.load(args.input)
+    except (ValueError, OSError) as e:
+        raise errors.ToolError(f"{args.input}: {e}", errors.STATE) from e
+    model.bilateral = not args.off
+    write_tensors(args.output, tensors_of(model))
+
+
+if __name__ == "__main__":
+    errors.run(main)
