@@ -166,12 +166,13 @@ static void make_conv(const lull_task *t, unsigned x, unsigned y, unsigned n, un
                                       (const float *)(const void *)below, layer->outputs, n / 2);
 }
 
-/* The codes that a layer of the filter keeps beside its result, at pixel x, and bytes from plane to
- * plane of them. */
+/* Bytes from plane to plane of the codes that a layer of the filter keeps beside its result. */
 static size_t code_plane(const lull_plan *plan, unsigned tensor)
 {
     return lull_align_up(plan->row_width >> plan->ring[tensor].level, LULL_ALIGN);
 }
+
+/* The first of them, at pixel x. */
 static uint8_t *kept_codes(const lull_plan *plan, unsigned tensor, unsigned y, unsigned x)
 {
     const lull_ring *ring = &plan->ring[tensor];

@@ -124,6 +124,8 @@ unsigned lull_graph_max(const lull_graph *graph, unsigned tensor)
 
 lull_dtype lull_graph_dtype(const lull_graph *graph, unsigned tensor)
 {
+    if (tensor == LULL_TENSOR_NORMAL)
+        return LULL_DTYPE_U8;
     if (!graph->is_integer || tensor > LULL_MAX_LAYERS)
         return LULL_DTYPE_F32;
     if (graph->family == LULL_FAMILY_K)
