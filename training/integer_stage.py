@@ -146,7 +146,7 @@ def quantize_aware(result: Result, settings: Settings, pictures: list[Picture],
                    say: Callable = print) -> None:
     """Trains the integer model of a result's averaged weights for `quantize_aware` steps."""
     s = settings
-    original = load_model(result)[0].train()  # results as the loss sees them
+    original = load_model(result)[0]
     float_tensors = original.state_dict()
     same = {"weights": fingerprint(float_tensors), "steps": s.quantize_aware,
             "rate": s.quantize_rate, "method": METHOD}

@@ -1,6 +1,5 @@
 """Validation during training: the training loss, and PSNR, SSIM and FLIP by samples per pixel.
 
-Results are those of denoising: of family K smoothed, as in training they are not.
 FLIP needs the package flip-evaluator and is left out without it.
 """
 from __future__ import annotations
@@ -51,17 +50,15 @@ def tiles(height: int, width: int, tile: int) -> list[tuple[int, int, int]]:
 
 @contextmanager
 def averaged(model: torch.nn.Module, ema: list[Tensor]):
-    """The model with its averaged weights and in evaluation mode for a while."""
-    params, training = list(model.parameters()), model.training
+    """The model with its averaged weights for a while."""
+    params = list(model.parameters())
     kept = [p.detach().clone() for p in params] if ema else []
     with torch.no_grad():
         for p, e in zip(params, ema):
             p.copy_(e)
-        model.eval()
         try:
             yield
         finally:
-            model.train(training)
             for p, k in zip(params, kept):
                 p.copy_(k)
 
