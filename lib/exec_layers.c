@@ -291,7 +291,6 @@ static void make_noise(const lull_task *t, unsigned x, unsigned y, unsigned n, u
     float *block = lull_exec_scratch(t, worker);
     for (; x < end; x += LULL_BLOCK) {
         unsigned count = lull_min_u(LULL_BLOCK, end - x);
-        size_t plane = code_plane(plan, tensor);
         uint8_t *codes = kept_codes(plan, tensor, y, x);
         const uint8_t *normal;
         lull_encoding from = {0};
@@ -302,7 +301,7 @@ static void make_noise(const lull_task *t, unsigned x, unsigned y, unsigned n, u
         plan->model->kernels.noise(codes, &from, &at, count);
         for (unsigned c = 0; !from.normal && c < 3; c++)
             for (unsigned i = 0; i < count; i++)
-                codes[c * plane + i] = normal ? normal[3 * i + c] : 128;
+                codes[c * at.code_plane + i] = normal ? normal[3 * i + c] : 128;
     }
 }
 

@@ -289,18 +289,8 @@ static unsigned add_second_head(lull_graph *graph, unsigned head, unsigned v)
     return ++graph->layers;
 }
 
-/* Files of family K may ask for the filter's last step. */
-static lull_status asks_for_bilateral(const lull_tza *tza, int *asks)
-{
-    lull_tza_tensor tensor;
-    *asks = lull_tza_find(tza, "bilateral", ".scale", &tensor);
-    return !*asks || (has_shape(&tensor, 'f', 1, 0, 0) && lull_tza_float(&tensor, 0) == 1.0f)
-               ? LULL_OK
-               : LULL_ERROR_NETWORK;
-}
-
-/* The filter of family K, docs/kernel-prediction.md. */
-static lull_status add_filters(lull_graph *graph, int has_bilateral)
+/* The filter of family K, docs/kernel-prediction.md. Its last step is for files that ask for it. */
+static lull_status add_filters(lull_graph *graph, const lull_tza *tza)
 {
     static const lull_reads smooth[] = {LULL_READS_5, LULL_READS_ROW};
     static const lull_reads rows3[] = {LULL_READS_ROW, LULL_READS_ROW, LULL_READS_ROW};
@@ -308,6 +298,11 @@ static lull_status add_filters(lull_graph *graph, int has_bilateral)
     static const lull_reads blend[] = {LULL_READS_ROW, LULL_READS_COARSE, LULL_READS_ROW};
     static const lull_reads bilateral[] = {LULL_READS_5, LULL_READS_5, LULL_READS_ROW};
     unsigned head[K_LEVELS], filtered[K_LEVELS], v, even, result;
+    lull_tza_tensor asked;
+    int has_bilateral = lull_tza_find(tza, "bilateral", ".scale", &asked);
+    if (has_bilateral &&
+        !(has_shape(&asked, 'f', 1, 0, 0) && lull_tza_float(&asked, 0) == 1.0f))
+        return LULL_ERROR_NETWORK;
     for (unsigned s = 0; s < K_LEVELS; s++) {
         head[s] = lull_graph_find(graph, LULL_OP_HEAD, s);
         if (head[s] == LULL_TENSOR_NONE)
@@ -401,7 +396,6 @@ lull_status lull_graph_build(lull_graph *graph, const lull_tza *tza)
     lull_tza_tensor tensor;
     lull_status status = LULL_OK;
     size_t n = 0;
-    int has_bilateral = 0;
     while (n < COUNT(nets) && !lull_tza_find(tza, nets[n].key, ".weight", &tensor))
         n++;
     if (n == COUNT(nets))
@@ -416,9 +410,7 @@ lull_status lull_graph_build(lull_graph *graph, const lull_tza *tza)
         if (same(heads[i].net, nets[n].name))
             status = add_head(graph, &heads[i], tza);
     if (status == LULL_OK && graph->family == LULL_FAMILY_K)
-        status = asks_for_bilateral(tza, &has_bilateral);
-    if (status == LULL_OK && graph->family == LULL_FAMILY_K)
-        status = add_filters(graph, has_bilateral);
+        status = add_filters(graph, tza);
     if (status == LULL_OK && graph->family == LULL_FAMILY_U && graph->is_integer)
         status = read_maxima(graph, tza);
     if (status != LULL_OK)

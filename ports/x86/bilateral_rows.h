@@ -1,5 +1,5 @@
 /* Step 6 of family K's filter, LANES pixels at a time: products and sums are rounded one by one, in
- * the order of the definition (kernels.h). After filter_rows.h, whose operations it uses, and
+ * the order of the definition (bilateral.h). After filter_rows.h, whose operations it uses, and
  *
  *   bytes(p, n)                     n bytes at p as floats
  *   put_bytes(p, q, n)              the lowest bytes of the first n lanes of q
