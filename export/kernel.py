@@ -30,10 +30,12 @@ BILATERAL = "bilateral.scale"    # a tensor of one 1: the model asks for it
 NOISE_GAIN = F(128)              # noise codes per unit of relative difference
 WIDTH_PER_CODE = F(0.0017361111)  # 2 / (3 channels * 3 pixels * 128)
 WIDTH_MAX, WIDTH_MIN = F(0.4), F(0.001)
-RESULT_GAIN, ALBEDO_GAIN, NORMAL_GAIN = F(0.5), F(11), F(0.000384)
+RESULT_GAIN = F(0.5)
+SURFACE_GAIN = F(0.000384)       # of squared differences of the codes of albedo and normal
+ALBEDO_CODES = F(240)            # codes per unit of filtered albedo + EPS
 NO_NORMAL = 128                  # code of the normal where there is none
-OFFSETS = ((-8, 0), (-4, 0), (-2, 0), (-1, 0), (1, 0), (2, 0), (4, 0), (8, 0),
-           (0, -2), (0, -1), (0, 1), (0, 2))  # (x, y) of the pixels averaged over
+OFFSETS = ((-12, 0), (-6, 0), (-2, 0), (2, 0), (6, 0), (12, 0),
+           (0, -4), (0, -2), (0, 2), (0, 4))  # (x, y) of the pixels averaged over
 
 
 @dataclass(frozen=True)
@@ -191,18 +193,10 @@ def _upsampled(x: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     return x
 
 
-def both_ends(n: int, k: int) -> tuple[slice, slice]:
-    """The p of 0..n-1 for which p + k is one of them, too, and those p + k."""
-    low, high = max(k, 0), max(n + min(k, 0), 0)
-    return slice(max(-k, 0), max(n - low, 0)), slice(low, high)
-
-
-def _differences(v: np.ndarray, offset: tuple[int, int]) -> np.ndarray:
-    """v(p + offset) - v(p); 0 where p + offset lies outside. v [H,W,C], offset (x, y)."""
-    (to_x, from_x), (to_y, from_y) = (both_ends(n, k) for n, k in zip(v.shape[1::-1], offset))
-    out = np.zeros_like(v)
-    out[to_y, to_x] = v[from_y, from_x] - v[to_y, to_x]
-    return out
+def _moved(v: np.ndarray, offset: tuple[int, int]) -> np.ndarray:
+    """v(p + offset), or the nearest pixel inside; v [H,W,C], offset (x, y)."""
+    y, x = (np.clip(np.arange(n) + k, 0, n - 1) for n, k in zip(v.shape, offset[::-1]))
+    return v[y[:, None], x]
 
 
 def _summed(v: np.ndarray) -> np.ndarray:
@@ -211,9 +205,8 @@ def _summed(v: np.ndarray) -> np.ndarray:
 
 def _width(noise: np.ndarray) -> np.ndarray:
     """Width in units of the result, float32 in [0.001, 0.4], from noise codes uint8 [H,W,1]."""
-    n = noise.astype(np.int32)
-    sums = np.concatenate((n[:, :1], n[:, :-1]), 1) + n + np.concatenate((n[:, 1:], n[:, -1:]), 1)
-    return np.maximum(np.minimum(sums.astype(F) * WIDTH_PER_CODE, WIDTH_MAX), WIDTH_MIN)
+    sums = sum(_moved(noise, (k, 0)).astype(F) for k in (-1, 0, 1))
+    return np.maximum(np.minimum(sums * WIDTH_PER_CODE, WIDTH_MAX), WIDTH_MIN)
 
 
 def smoothed(out: np.ndarray, smooth: np.ndarray, first: np.ndarray,
@@ -226,13 +219,13 @@ def smoothed(out: np.ndarray, smooth: np.ndarray, first: np.ndarray,
     level = out + EPS
     noise = _code(NOISE_GAIN * _summed(np.abs(first - out) / level))
     gain = (RESULT_GAIN / _width(noise)) / level
-    normal = normal_codes.astype(F)
+    surface = np.concatenate((_code(ALBEDO_CODES * smooth), normal_codes), -1).astype(np.int32)
     weights, total = np.ones_like(out[..., :1]), np.zeros_like(out)
     for k in OFFSETS:
-        change, a, n = (_differences(v, k) for v in (out, smooth, normal))
+        change = _moved(out, k) - out
+        apart = ((_moved(surface, k) - surface) ** 2).sum(-1, keepdims=True).astype(F)
         x = change * gain
-        t = (_summed(x * x) + ALBEDO_GAIN * _summed(a * a)) + NORMAL_GAIN * _summed(n * n)
-        w = np.maximum(F(1) - t, F(0))
+        w = np.maximum(F(1) - (_summed(x * x) + SURFACE_GAIN * apart), F(0))
         w = w * w
         weights = weights + w
         total = total + w * change

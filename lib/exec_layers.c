@@ -262,18 +262,18 @@ static void make_filtered(const lull_task *t, unsigned x, unsigned y, unsigned n
         kept[i] = codes[i * step + LULL_HEAD_BLEND];
 }
 
-/* Row y of level 0's result and what stands beside it, at pixel x. */
-static void get_surface(lull_surface *at, const lull_task *t, unsigned tensor, unsigned x,
-                        unsigned y)
+/* Row y of level 0's result and what stands beside it, at pixel x; returns its noise. */
+static uint8_t *get_surface(lull_surface *at, const lull_task *t, unsigned tensor, unsigned x,
+                            unsigned y)
 {
     const lull_plan *plan = t->plan;
-    unsigned smooth = lull_graph_find(&plan->model->graph, LULL_OP_SMOOTH, 0);
+    uint8_t *codes = kept_codes(plan, tensor, y, 0);
+    size_t plane = code_plane(plan, tensor);
     at->v = lull_exec_floats(plan, tensor, y, x);
     at->v_plane = lull_exec_plane(plan, tensor);
-    at->smooth = lull_exec_floats(plan, smooth, y, x);
-    at->smooth_plane = lull_exec_plane(plan, smooth);
-    at->codes = kept_codes(plan, tensor, y, x);
-    at->code_plane = code_plane(plan, tensor);
+    at->pairs = codes + 2 * (size_t)x;
+    at->pair_plane = 2 * plane;
+    return codes + 6 * plane + x;
 }
 
 /* Columns of a row of level 0 that are inside the image. */
@@ -287,21 +287,24 @@ static void make_noise(const lull_task *t, unsigned x, unsigned y, unsigned n, u
 {
     const lull_plan *plan = t->plan;
     unsigned width = columns_inside(t), tensor = t->layer + 1;
+    unsigned smooth = lull_graph_find(&plan->model->graph, LULL_OP_SMOOTH, 0);
     unsigned end = y < plan->frame.height ? lull_min_u(x + n, width) : 0;
     float *block = lull_exec_scratch(t, worker);
     for (; x < end; x += LULL_BLOCK) {
         unsigned count = lull_min_u(LULL_BLOCK, end - x);
-        uint8_t *codes = kept_codes(plan, tensor, y, x);
         const uint8_t *normal;
+        uint8_t *noise;
         lull_encoding from = {0};
         lull_surface at;
         lull_exec_radiance(&from, t, block, t->left + x, y, count);
         lull_exec_normals(&from, &normal, t, block + 3 * LULL_BLOCK, t->left + x, y, count);
-        get_surface(&at, t, tensor, x, y);
-        plan->model->kernels.noise(codes, &from, &at, count);
-        for (unsigned c = 0; !from.normal && c < 3; c++)
-            for (unsigned i = 0; i < count; i++)
-                codes[c * at.code_plane + i] = normal ? normal[3 * i + c] : 128;
+        noise = get_surface(&at, t, tensor, x, y);
+        plan->model->kernels.noise(noise, &at, &from, lull_exec_floats(plan, smooth, y, x),
+                                   lull_exec_plane(plan, smooth), count);
+        for (unsigned i = 0; normal && i < count; i++) {
+            at.pairs[at.pair_plane + 2 * i + 1] = normal[3 * i];
+            memcpy(at.pairs + 2 * at.pair_plane + 2 * i, normal + 3 * i + 1, 2);
+        }
     }
 }
 
@@ -338,7 +341,7 @@ static void make_blended(const lull_task *t, unsigned x, unsigned y, unsigned n,
 static void make_bilateral(const lull_task *t, unsigned x, unsigned y, unsigned n,
                            const uint8_t *codes, size_t step, unsigned worker)
 {
-    static const int8_t beside[] = {-2, -1, 1, 2};
+    static const int8_t beside[] = {-4, -2, 2, 4};
     const lull_plan *plan = t->plan;
     unsigned width = columns_inside(t), tensor = plan->model->graph.layer[t->layer].source[0];
     lull_smoothing s;
@@ -349,11 +352,11 @@ static void make_bilateral(const lull_task *t, unsigned x, unsigned y, unsigned 
         return;
     s.out = lull_exec_floats(plan, t->layer + 1, y, x);
     s.out_plane = lull_exec_plane(plan, t->layer + 1);
-    get_surface(&s.row, t, tensor, x, y);
+    s.noise = get_surface(&s.row, t, tensor, x, y);
     for (unsigned k = 0; k < 4; k++) {
-        int other = (int)y + beside[k];
-        int is_there = other >= 0 && other < (int)plan->frame.height;
-        get_surface(&s.beside[k], t, tensor, x, is_there ? (unsigned)other : y);
+        int other = (int)y + beside[k], last = (int)plan->frame.height - 1;
+        get_surface(&s.beside[k], t, tensor, x,
+                    (unsigned)(other < 0 ? 0 : other > last ? last : other));
     }
     lull_filter_bilateral(&plan->model->kernels, &s, -(int)x, (int)(width - 1) - (int)x,
                           lull_min_u(n, width - x));

@@ -45,62 +45,66 @@ void lull_filter_blend(const lull_kernels *kernels, const lull_blending *blendin
 }
 
 #define REACH LULL_BILATERAL_REACH
-#define COLUMNS (2 * REACH + 1)
+#define EDGE 8 /* pixels of an edge at once: a vector of most ports */
+#define COLUMNS (EDGE + 2 * REACH)
 
-/* Pixel i, where columns may be missing: the kernel sees them as pixel i itself. */
-static void smooth_pixel(const lull_kernels *kernels, const lull_smoothing *s, int first, int last,
-                         int i)
+/* n <= EDGE pixels from i on, where columns may be missing: the nearest one stands for them. */
+LULL_NOINLINE static void smooth_edge(const lull_kernels *kernels, const lull_smoothing *s,
+                                      int first, int last, int i, int n)
 {
-    float v[3 * COLUMNS], smooth[3 * COLUMNS];
-    uint8_t codes[LULL_BILATERAL_CODES * COLUMNS];
-    lull_smoothing one = *s;
-    for (int d = 0; d < COLUMNS; d++) {
+    float v[3 * COLUMNS];
+    uint8_t pairs[6 * COLUMNS], noise[COLUMNS];
+    lull_smoothing part = *s;
+    for (int d = 0; d < n + 2 * REACH; d++) {
         int x = i + d - REACH;
-        size_t at;
-        x = x < first || x > last ? i : x;
-        at = (size_t)(x - first);
-        for (size_t c = 0; c < 3; c++) {
-            v[c * COLUMNS + d] = (s->row.v + first)[c * s->row.v_plane + at];
-            smooth[c * COLUMNS + d] = (s->row.smooth + first)[c * s->row.smooth_plane + at];
+        x = x < first ? first : x > last ? last : x;
+        noise[d] = s->noise[x];
+        for (int c = 0; c < 3; c++) {
+            const uint8_t *pair = s->row.pairs + c * (ptrdiff_t)s->row.pair_plane + 2 * x;
+            v[c * COLUMNS + d] = s->row.v[c * (ptrdiff_t)s->row.v_plane + x];
+            pairs[2 * (c * COLUMNS + d)] = pair[0];
+            pairs[2 * (c * COLUMNS + d) + 1] = pair[1];
         }
-        for (size_t c = 0; c < LULL_BILATERAL_CODES; c++)
-            codes[c * COLUMNS + d] = (s->row.codes + first)[c * s->row.code_plane + at];
     }
-    one.out += i;
-    one.row.v = v + REACH;
-    one.row.smooth = smooth + REACH;
-    one.row.codes = codes + REACH;
-    one.row.v_plane = one.row.smooth_plane = one.row.code_plane = COLUMNS;
+    part.out += i;
+    part.noise = noise + REACH;
+    part.row.v = v + REACH;
+    part.row.pairs = pairs + 2 * REACH;
+    part.row.v_plane = COLUMNS;
+    part.row.pair_plane = 2 * COLUMNS;
     for (unsigned k = 0; k < 4; k++) {
-        one.beside[k].v += i;
-        one.beside[k].smooth += i;
-        one.beside[k].codes += i;
+        part.beside[k].v += i;
+        part.beside[k].pairs += 2 * i;
     }
-    one.pixels = 1;
-    kernels->bilateral(&one);
+    part.pixels = (unsigned)n;
+    kernels->bilateral(&part);
 }
 
 void lull_filter_bilateral(const lull_kernels *kernels, const lull_smoothing *smoothing, int first,
                            int last, unsigned n)
 {
-    int begin = first + REACH < 0 ? 0 : first + REACH, end = last + 1 - REACH, i;
+    /* pixels whose columns are all there: from `begin` on, before `end` */
+    int begin = first + REACH, end = last + 1 - REACH, i = 0, all = (int)n;
     lull_smoothing inside = *smoothing;
-    lull_surface *rows[] = {&inside.row, inside.beside, inside.beside + 1, inside.beside + 2,
-                            inside.beside + 3};
-    end = end > (int)n ? (int)n : end;
-    for (i = 0; i < (int)n && i < begin; i++)
-        smooth_pixel(kernels, smoothing, first, last, i);
-    if (i < end) {
-        inside.out += i;
-        inside.pixels = (unsigned)(end - i);
-        for (unsigned k = 0; k < 5; k++) {
-            rows[k]->v += i;
-            rows[k]->smooth += i;
-            rows[k]->codes += i;
+    end = end > all ? all : end;
+    while (i < all) {
+        int left = (i < begin ? begin < all ? begin : all : all) - i;
+        if (i >= begin && i < end) {
+            inside.out = smoothing->out + i;
+            inside.noise = smoothing->noise + i;
+            inside.row.v = smoothing->row.v + i;
+            inside.row.pairs = smoothing->row.pairs + 2 * i;
+            for (unsigned k = 0; k < 4; k++) {
+                inside.beside[k].v = smoothing->beside[k].v + i;
+                inside.beside[k].pairs = smoothing->beside[k].pairs + 2 * i;
+            }
+            inside.pixels = (unsigned)(end - i);
+            kernels->bilateral(&inside);
+            i = end;
+            continue;
         }
-        kernels->bilateral(&inside);
-        i = end;
+        left = left < EDGE ? left : EDGE;
+        smooth_edge(kernels, smoothing, first, last, i, left);
+        i += left;
     }
-    for (; i < (int)n; i++)
-        smooth_pixel(kernels, smoothing, first, last, i);
 }

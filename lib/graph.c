@@ -296,7 +296,7 @@ static lull_status add_filters(lull_graph *graph, const lull_tza *tza)
     static const lull_reads rows3[] = {LULL_READS_ROW, LULL_READS_ROW, LULL_READS_ROW};
     static const lull_reads pool[] = {LULL_READS_FINE, LULL_READS_ROW};
     static const lull_reads blend[] = {LULL_READS_ROW, LULL_READS_COARSE, LULL_READS_ROW};
-    static const lull_reads bilateral[] = {LULL_READS_5, LULL_READS_5, LULL_READS_ROW};
+    static const lull_reads bilateral[] = {LULL_READS_9, LULL_READS_ROW};
     unsigned head[K_LEVELS], filtered[K_LEVELS], v, even, result;
     lull_tza_tensor asked;
     int has_bilateral = lull_tza_find(tza, "bilateral", ".scale", &asked);
@@ -331,7 +331,7 @@ static lull_status add_filters(lull_graph *graph, const lull_tza *tza)
             blend);
     if (has_bilateral)
         result = add_filter(graph, LULL_OP_BILATERAL, 0, 3,
-                            (unsigned[]){result, even, LULL_TENSOR_NORMAL}, bilateral);
+                            (unsigned[]){result, LULL_TENSOR_NORMAL, LULL_TENSOR_NONE}, bilateral);
     return result == LULL_TENSOR_NONE ? LULL_ERROR_NETWORK : LULL_OK;
 }
 
@@ -352,7 +352,7 @@ static void choose_forms(lull_graph *graph)
  * all pixels of a patch depend on all that its points are made of. */
 static unsigned reach(const lull_graph *graph, int is_exact)
 {
-    static const uint8_t radius[] = {0, 1, 2, 1, 0};
+    static const uint8_t radius[] = {0, 1, 2, 4, 1, 0};
     unsigned field = 0, align = 1u << graph->levels;
     for (unsigned i = 0; i < graph->layers; i++) {
         const lull_layer *layer = &graph->layer[i];

@@ -35,8 +35,8 @@ typedef enum lull_op {
     LULL_OP_POOL,       /* the same of the next level, head of that level */
     LULL_OP_FILTER, /* it, head: filtered radiance (r,g,b), and the codes of the blend weights */
     LULL_OP_BLEND,  /* it, coarser result: result (r,g,b); for the next one also the codes of the
-                     * normal and of the noise, from the radiance */
-    LULL_OP_BILATERAL /* level 0's result, smooth, normal: smoothed; if the file asks for it */
+                     * albedo, the normal and the noise, from smooth and the radiance */
+    LULL_OP_BILATERAL /* level 0's result, normal: smoothed; if the file asks for it */
 } lull_op;
 
 /* Rows of a source that row y of a layer sees. */
@@ -44,6 +44,7 @@ typedef enum lull_reads {
     LULL_READS_ROW,    /* y */
     LULL_READS_3,      /* y-1 .. y+1 */
     LULL_READS_5,      /* y-2 .. y+2 */
+    LULL_READS_9,      /* y-4 .. y+4 */
     LULL_READS_COARSE, /* of half the resolution: (y+1)/2 - 1 and (y+1)/2 */
     LULL_READS_FINE    /* of twice the resolution: 2y, 2y+1 */
 } lull_reads;

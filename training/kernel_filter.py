@@ -8,8 +8,8 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from export.kernel import (ALBEDO_GAIN, NOISE_GAIN, NORMAL_GAIN, OFFSETS, RESULT_GAIN, WIDTH_MAX,
-                           WIDTH_MIN, WIDTH_PER_CODE, both_ends)
+from export.kernel import (ALBEDO_CODES, NOISE_GAIN, OFFSETS, RESULT_GAIN, SURFACE_GAIN, WIDTH_MAX,
+                           WIDTH_MIN, WIDTH_PER_CODE)
 from training import fused
 
 SIDE, RADIUS, TAPS = 5, 2, 25
@@ -152,12 +152,11 @@ def smooth_result(out: Tensor, head: Tensor, radiance: Tensor, albedo: Tensor, h
     return smoothed(out / s, s, radiance.clamp(0.0, RADIANCE_MAX) / s, normal_codes) * s
 
 
-def differences(v: Tensor, offset: tuple[int, int]) -> Tensor:
-    """v(p + offset) - v(p) of v [N,C,H,W]; 0 where p + offset, (x, y), lies outside."""
-    (to_x, from_x), (to_y, from_y) = (both_ends(n, k) for n, k in zip(v.shape[:1:-1], offset))
-    out = torch.zeros_like(v)
-    out[..., to_y, to_x] = v[..., from_y, from_x] - v[..., to_y, to_x]
-    return out
+def moved(v: Tensor, offset: tuple[int, int]) -> Tensor:
+    """v(p + offset), or the nearest pixel inside; v [N,C,H,W], offset (x, y)."""
+    x, y = (torch.arange(n, device=v.device).add(k).clamp(0, n - 1)
+            for n, k in zip(v.shape[:1:-1], offset))
+    return v[..., y[:, None], x]
 
 
 def smoothed(out: Tensor, smooth: Tensor, first: Tensor, normal_codes: Tensor) -> Tensor:
@@ -165,17 +164,19 @@ def smoothed(out: Tensor, smooth: Tensor, first: Tensor, normal_codes: Tensor) -
     def summed(v: Tensor) -> Tensor:
         return (v[:, :1] + v[:, 1:2]) + v[:, 2:]
 
+    def codes(v: Tensor) -> Tensor:
+        return torch.floor(v + 0.5).clamp(max=255.0)
+
     level = out + EPS
-    noise = float(NOISE_GAIN) * summed((first - out).abs() / level)
-    noise = torch.floor(noise + 0.5).clamp(max=255.0)
-    noise = F.pad(noise, (1, 1, 0, 0), mode="replicate")
-    width = (noise[..., :-2] + noise[..., 1:-1] + noise[..., 2:]) * float(WIDTH_PER_CODE)
+    noise = codes(float(NOISE_GAIN) * summed((first - out).abs() / level))
+    width = sum(moved(noise, (k, 0)) for k in (-1, 0, 1)) * float(WIDTH_PER_CODE)
     gain = (float(RESULT_GAIN) / width.clamp(float(WIDTH_MIN), float(WIDTH_MAX))) / level
+    surface = torch.cat((codes(float(ALBEDO_CODES) * smooth), normal_codes), 1)
     weights, total = torch.ones_like(level[:, :1]), torch.zeros_like(out)
     for k in OFFSETS:
-        change, a, n = (differences(v, k) for v in (out, smooth, normal_codes))
-        t = (summed((change * gain).square()) + float(ALBEDO_GAIN) * summed(a.square())
-             + float(NORMAL_GAIN) * summed(n.square()))
+        change = moved(out, k) - out
+        apart = (moved(surface, k) - surface).square().sum(1, keepdim=True)
+        t = summed((change * gain).square()) + float(SURFACE_GAIN) * apart
         w = (1.0 - t).clamp(min=0.0).square()
         weights = weights + w
         total = total + w * change

@@ -112,20 +112,22 @@ void lull_luminance_scalar(float *sums, const float *pixels, unsigned n)
     }
 }
 
-void lull_noise_scalar(uint8_t *codes, const lull_encoding *from, const lull_surface *at,
-                       unsigned pixels)
+void lull_noise_scalar(uint8_t *noise, const lull_surface *at, const lull_encoding *from,
+                       const float *smooth, size_t smooth_plane, unsigned pixels)
 {
     for (size_t i = 0; i < pixels; i++) {
+        uint8_t code[6];
         float d[3];
         for (size_t c = 0; c < 3; c++) {
-            float v = at->v[c * at->v_plane + i];
-            float e = radiance_at(from, 3 * i + c) / at->smooth[c * at->smooth_plane + i] - v;
+            float v = at->v[c * at->v_plane + i], s = smooth[c * smooth_plane + i];
+            float e = radiance_at(from, 3 * i + c) / s - v;
             d[c] = (e < 0.0f ? -e : e) / (v + LULL_FILTER_EPSILON);
-            if (from->normal)
-                codes[c * at->code_plane + i] =
-                    normal_code(from->normal[3 * i + c]);
+            code[c] = to_code(LULL_ALBEDO_CODES * s);
+            code[3 + c] = from->normal ? normal_code(from->normal[3 * i + c]) : 128;
         }
-        codes[3 * at->code_plane + i] = to_code(LULL_NOISE_CODES * ((d[0] + d[1]) + d[2]));
+        for (size_t c = 0; c < 6; c++)
+            at->pairs[c / 2 * at->pair_plane + 2 * i + c % 2] = code[c];
+        noise[i] = to_code(LULL_NOISE_CODES * ((d[0] + d[1]) + d[2]));
     }
 }
 
@@ -134,38 +136,37 @@ void lull_noise_scalar(uint8_t *codes, const lull_encoding *from, const lull_sur
 static float weight_of(const lull_surface *row, ptrdiff_t i, const lull_surface *other, ptrdiff_t j,
                        const float *g, float *change)
 {
-    float x[3], s[3], n[3], t, w;
-    const float *v = row->v + i, *smooth = row->smooth + i;
-    const float *w_v = other->v + j, *w_smooth = other->smooth + j;
-    const uint8_t *codes = row->codes + i, *w_codes = other->codes + j;
-    for (size_t c = 0; c < 3; c++) {
-        change[c] = w_v[c * other->v_plane] - v[c * row->v_plane];
+    float x[3], t, w;
+    int apart = 0;
+    for (ptrdiff_t c = 0; c < 3; c++) {
+        const uint8_t *pair = row->pairs + c * (ptrdiff_t)row->pair_plane + 2 * i;
+        const uint8_t *beside = other->pairs + c * (ptrdiff_t)other->pair_plane + 2 * j;
+        int a = beside[0] - pair[0], b = beside[1] - pair[1];
+        change[c] = other->v[c * (ptrdiff_t)other->v_plane + j] -
+                    row->v[c * (ptrdiff_t)row->v_plane + i];
         x[c] = change[c] * g[c];
-        s[c] = w_smooth[c * other->smooth_plane] - smooth[c * row->smooth_plane];
-        n[c] = (float)(w_codes[c * other->code_plane] - codes[c * row->code_plane]);
+        apart += a * a + b * b;
     }
-    t = (x[0] * x[0] + x[1] * x[1]) + x[2] * x[2];
-    t = t + LULL_SMOOTH_SCALE * ((s[0] * s[0] + s[1] * s[1]) + s[2] * s[2]);
-    t = t + LULL_NORMAL_SCALE * ((n[0] * n[0] + n[1] * n[1]) + n[2] * n[2]);
+    t = ((x[0] * x[0] + x[1] * x[1]) + x[2] * x[2]) + LULL_SURFACE_SCALE * (float)apart;
     w = 1.0f - t > 0.0f ? 1.0f - t : 0.0f;
     return w * w;
 }
 
 void lull_bilateral_scalar(const lull_smoothing *s)
 {
-    static const int8_t columns[] = {-8, -4, -2, -1, 1, 2, 4, 8};
+    static const int8_t columns[] = {-12, -6, -2, 2, 6, 12};
     const lull_surface *row = &s->row;
     for (ptrdiff_t i = 0; i < (ptrdiff_t)s->pixels; i++) {
-        const uint8_t *noise = row->codes + 3 * row->code_plane + i;
+        const uint8_t *noise = s->noise + i;
         float width = (float)(noise[-1] + noise[0] + noise[1]) * LULL_NOISE_WIDTH;
         float g[3], change[3], sum[3] = {0.0f, 0.0f, 0.0f}, weights = 1.0f;
         width = width < LULL_WIDEST ? width : LULL_WIDEST;
         width = 0.5f / (width > LULL_NARROWEST ? width : LULL_NARROWEST);
         for (size_t c = 0; c < 3; c++)
             g[c] = width / (row->v[c * row->v_plane + (size_t)i] + LULL_FILTER_EPSILON);
-        for (unsigned k = 0; k < 12; k++) {
-            float w = k < 8 ? weight_of(row, i, row, i + columns[k], g, change)
-                            : weight_of(row, i, &s->beside[k - 8], i, g, change);
+        for (unsigned k = 0; k < 10; k++) {
+            float w = k < 6 ? weight_of(row, i, row, i + columns[k], g, change)
+                            : weight_of(row, i, &s->beside[k - 6], i, g, change);
             weights += w;
             for (unsigned c = 0; c < 3; c++)
                 sum[c] += w * change[c];

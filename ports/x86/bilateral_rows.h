@@ -3,36 +3,52 @@
  *
  *   bytes(p, n)                     n bytes at p as floats
  *   put_bytes(p, q, n)              the lowest bytes of the first n lanes of q
+ *   pairs(p, n)                     n pairs of bytes at p as words of 16 bits
+ *   put_pairs(p, q, n)              the lowest two bytes of the first n lanes of q
+ *   squares_of_pairs(a, b)          of pairs of words: the sum of the squares of a - b
+ *   add_int(a, b)
  */
 
-LULL_INLINE vec noise_of(vec r, const lull_encoding *from, const lull_surface *at, size_t p,
-                         unsigned c, unsigned n)
+LULL_INLINE vec noise_of(vec r, vec smooth, const lull_encoding *from, vec v)
 {
-    vec v = load_n(at->v + c * at->v_plane + p, n);
-    vec i = quotient(sane_radiance(r, from), load_n(at->smooth + c * at->smooth_plane + p, n));
+    vec i = quotient(sane_radiance(r, from), smooth);
     return quotient(high(sub(i, v), sub(v, i)), add(v, set(LULL_FILTER_EPSILON)));
 }
 
-LULL_INLINE void noise_block(uint8_t *codes, const lull_encoding *from, const lull_surface *at,
-                             size_t p, unsigned n)
+LULL_INLINE vec plane_at(const float *row, size_t plane, unsigned c, size_t p, unsigned n)
 {
-    size_t plane = at->code_plane;
-    vec r, g, b;
-    split(from->radiance + 3 * p, n, &r, &g, &b);
-    r = add(noise_of(r, from, at, p, 0, n), noise_of(g, from, at, p, 1, n));
-    r = add(r, noise_of(b, from, at, p, 2, n));
-    put_bytes(codes + 3 * plane + p, to_codes(mul(set(LULL_NOISE_CODES), r)), n);
-    if (!from->normal)
-        return;
-    split(from->normal + 3 * p, n, &r, &g, &b);
-    put_bytes(codes + p, normal_code(r), n);
-    put_bytes(codes + plane + p, normal_code(g), n);
-    put_bytes(codes + 2 * plane + p, normal_code(b), n);
+    return load_n(row + c * plane + p, n);
 }
 
-void NAME(noise)(uint8_t *codes, const lull_encoding *from, const lull_surface *at,
-                 unsigned pixels){
-#define BLOCK(n) noise_block(codes, from, at, p, n)
+LULL_INLINE void noise_block(uint8_t *noise, const lull_surface *at, const lull_encoding *from,
+                             const float *smooth, size_t smooth_plane, size_t p, unsigned n)
+{
+    const vec codes = set(LULL_ALBEDO_CODES);
+    ivec x = set_int(128), y = x, z = x, a[3];
+    vec r, g, b, s;
+    split(from->radiance + 3 * p, n, &r, &g, &b);
+    s = plane_at(smooth, smooth_plane, 0, p, n);
+    a[0] = to_codes(mul(codes, s));
+    r = noise_of(r, s, from, plane_at(at->v, at->v_plane, 0, p, n));
+    s = plane_at(smooth, smooth_plane, 1, p, n);
+    a[1] = to_codes(mul(codes, s));
+    r = add(r, noise_of(g, s, from, plane_at(at->v, at->v_plane, 1, p, n)));
+    s = plane_at(smooth, smooth_plane, 2, p, n);
+    a[2] = to_codes(mul(codes, s));
+    r = add(r, noise_of(b, s, from, plane_at(at->v, at->v_plane, 2, p, n)));
+    put_bytes(noise + p, to_codes(mul(set(LULL_NOISE_CODES), r)), n);
+    if (from->normal) {
+        split(from->normal + 3 * p, n, &r, &g, &b);
+        x = normal_code(r), y = normal_code(g), z = normal_code(b);
+    }
+    put_pairs(at->pairs + 2 * p, or_int(a[0], shift_left(a[1], 8)), n);
+    put_pairs(at->pairs + at->pair_plane + 2 * p, or_int(a[2], shift_left(x, 8)), n);
+    put_pairs(at->pairs + 2 * at->pair_plane + 2 * p, or_int(y, shift_left(z, 8)), n);
+}
+
+void NAME(noise)(uint8_t *noise, const lull_surface *at, const lull_encoding *from,
+                 const float *smooth, size_t smooth_plane, unsigned pixels){
+#define BLOCK(n) noise_block(noise, at, from, smooth, smooth_plane, p, n)
     FOR_BLOCKS(pixels)
 #undef BLOCK
 }
@@ -40,34 +56,25 @@ void NAME(noise)(uint8_t *codes, const lull_encoding *from, const lull_surface *
 /* What weights of other pixels are made of, and the sums: no arrays, which compilers would leave in
  * memory. */
 typedef struct weighing {
-    vec r, g, b, smooth_r, smooth_g, smooth_b, x, y, z, width_r, width_g, width_b;
-    vec sum_r, sum_g, sum_b, weights;
+    vec r, g, b, width_r, width_g, width_b, sum_r, sum_g, sum_b, weights;
+    ivec first, second, third; /* pairs of codes */
 } weighing;
-
-LULL_INLINE vec plane_at(const float *row, size_t plane, unsigned c, size_t p, unsigned n)
-{
-    return load_n(row + c * plane + p, n);
-}
 
 LULL_INLINE vec squares(vec a, vec b, vec c) { return add(add(mul(a, a), mul(b, b)), mul(c, c)); }
 
 /* Pixels from p on of `other`. */
 LULL_INLINE void weigh(weighing *to, const lull_surface *other, size_t p, unsigned n)
 {
-    const float *v = other->v, *smooth = other->smooth;
-    const uint8_t *codes = other->codes + p;
-    size_t plane = other->v_plane, smooth_plane = other->smooth_plane, step = other->code_plane;
-    vec r = sub(plane_at(v, plane, 0, p, n), to->r);
-    vec g = sub(plane_at(v, plane, 1, p, n), to->g);
-    vec b = sub(plane_at(v, plane, 2, p, n), to->b);
+    const uint8_t *codes = other->pairs + 2 * p;
+    size_t step = other->pair_plane;
+    ivec apart = squares_of_pairs(pairs(codes, n), to->first);
+    vec r = sub(plane_at(other->v, other->v_plane, 0, p, n), to->r);
+    vec g = sub(plane_at(other->v, other->v_plane, 1, p, n), to->g);
+    vec b = sub(plane_at(other->v, other->v_plane, 2, p, n), to->b);
     vec t = squares(mul(r, to->width_r), mul(g, to->width_g), mul(b, to->width_b)), w;
-    w = squares(sub(plane_at(smooth, smooth_plane, 0, p, n), to->smooth_r),
-                sub(plane_at(smooth, smooth_plane, 1, p, n), to->smooth_g),
-                sub(plane_at(smooth, smooth_plane, 2, p, n), to->smooth_b));
-    t = add(t, mul(set(LULL_SMOOTH_SCALE), w));
-    w = squares(sub(bytes(codes, n), to->x), sub(bytes(codes + step, n), to->y),
-                sub(bytes(codes + 2 * step, n), to->z));
-    t = add(t, mul(set(LULL_NORMAL_SCALE), w));
+    apart = add_int(apart, squares_of_pairs(pairs(codes + step, n), to->second));
+    apart = add_int(apart, squares_of_pairs(pairs(codes + 2 * step, n), to->third));
+    t = add(t, mul(set(LULL_SURFACE_SCALE), number(apart)));
     w = high(sub(set(1.0f), t), set(0.0f));
     w = mul(w, w);
     to->weights = add(to->weights, w);
@@ -83,8 +90,9 @@ LULL_INLINE vec smoothed(vec v, vec sum, const weighing *to)
 
 LULL_INLINE void bilateral_block(const lull_smoothing *s, size_t p, unsigned n)
 {
+    static const int8_t columns[] = {-LULL_BILATERAL_REACH, -6, -2, 2, 6, LULL_BILATERAL_REACH};
     const lull_surface *row = &s->row;
-    const uint8_t *codes = row->codes + p, *noise = codes + 3 * row->code_plane;
+    const uint8_t *noise = s->noise + p, *codes = row->pairs + 2 * p;
     const vec epsilon = set(LULL_FILTER_EPSILON);
     float *out = s->out + p;
     vec width = add(add(bytes(noise - 1, n), bytes(noise, n)), bytes(noise + 1, n));
@@ -94,21 +102,16 @@ LULL_INLINE void bilateral_block(const lull_smoothing *s, size_t p, unsigned n)
     to.r = plane_at(row->v, row->v_plane, 0, p, n);
     to.g = plane_at(row->v, row->v_plane, 1, p, n);
     to.b = plane_at(row->v, row->v_plane, 2, p, n);
-    to.smooth_r = plane_at(row->smooth, row->smooth_plane, 0, p, n);
-    to.smooth_g = plane_at(row->smooth, row->smooth_plane, 1, p, n);
-    to.smooth_b = plane_at(row->smooth, row->smooth_plane, 2, p, n);
-    to.x = bytes(codes, n);
-    to.y = bytes(codes + row->code_plane, n);
-    to.z = bytes(codes + 2 * row->code_plane, n);
+    to.first = pairs(codes, n);
+    to.second = pairs(codes + row->pair_plane, n);
+    to.third = pairs(codes + 2 * row->pair_plane, n);
     to.width_r = quotient(width, add(to.r, epsilon));
     to.width_g = quotient(width, add(to.g, epsilon));
     to.width_b = quotient(width, add(to.b, epsilon));
     to.sum_r = to.sum_g = to.sum_b = set(0.0f);
     to.weights = set(1.0f);
-    /* -8, -4, -2, -1, 1, 2, 4, 8 */
-    for (int k = -LULL_BILATERAL_REACH; k <= LULL_BILATERAL_REACH;
-         k = k == -1 ? 1 : k < 0 ? k / 2 : 2 * k)
-        weigh(&to, row, p + (size_t)(ptrdiff_t)k, n);
+    for (unsigned k = 0; k < sizeof columns; k++)
+        weigh(&to, row, p + (size_t)(ptrdiff_t)columns[k], n);
     for (const lull_surface *other = s->beside; other < s->beside + 4; other++)
         weigh(&to, other, p, n);
     store_n(out, smoothed(to.r, to.sum_r, &to), n);

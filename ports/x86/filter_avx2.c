@@ -179,5 +179,31 @@ LULL_INLINE void put_bytes(uint8_t *p, ivec q, unsigned n)
         memcpy(p, part, n);
 }
 
+LULL_INLINE ivec pairs(const uint8_t *p, unsigned n)
+{
+    uint8_t part[2 * LANES] = {0};
+    if (n < LANES) {
+        memcpy(part, p, 2 * n);
+        p = part;
+    }
+    return _mm256_cvtepu8_epi16(_mm_loadu_si128((const __m128i *)(const void *)p));
+}
+
+LULL_INLINE void put_pairs(uint8_t *p, ivec q, unsigned n)
+{
+    uint8_t part[2 * LANES];
+    __m128i w = _mm_packus_epi32(_mm256_castsi256_si128(q), _mm256_extracti128_si256(q, 1));
+    _mm_storeu_si128((__m128i *)(void *)(n < LANES ? part : p), w);
+    if (n < LANES)
+        memcpy(p, part, 2 * n);
+}
+
+LULL_INLINE ivec add_int(ivec a, ivec b) { return _mm256_add_epi32(a, b); }
+LULL_INLINE ivec squares_of_pairs(ivec a, ivec b)
+{
+    a = _mm256_sub_epi16(a, b);
+    return _mm256_madd_epi16(a, a);
+}
+
 #include "filter_rows.h"
 #include "bilateral_rows.h"

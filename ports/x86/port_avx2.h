@@ -30,8 +30,8 @@ void lull_shrink_avx2(float *out, size_t out_plane, const float *above, const fl
                      size_t plane, const uint8_t *codes, size_t code_step, const float *table,
                      unsigned pixels);
 void lull_blend_avx2(const lull_blending *blending);
-void lull_noise_avx2(uint8_t *codes, const lull_encoding *from, const lull_surface *at,
-                     unsigned pixels);
+void lull_noise_avx2(uint8_t *noise, const lull_surface *at, const lull_encoding *from,
+                     const float *smooth, size_t smooth_plane, unsigned pixels);
 void lull_bilateral_avx2(const lull_smoothing *smoothing);
 void lull_modulate_avx2(float *out, const float *v, size_t plane, const float *smooth,
                        size_t smooth_plane, float unscale, unsigned pixels);

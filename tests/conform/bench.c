@@ -380,15 +380,14 @@ static void run_blend(const lull_kernels *k)
 static void run_noise(const lull_kernels *k)
 {
     lull_encoding from = {floats, NULL, floats + 64 * PIXELS, 1.0f, 65504.0f, 0};
-    lull_surface at = {floats + 128 * PIXELS, floats + 192 * PIXELS, NULL, PLANE, PLANE, PLANE};
-    k->noise(bytes, &from, &at, PIXELS);
+    lull_surface at = {floats + 128 * PIXELS, bytes + PIXELS, PLANE, 2 * PLANE};
+    k->noise(bytes, &at, &from, floats + 192 * PIXELS, PLANE, PIXELS);
 }
 
 static void run_bilateral(const lull_kernels *k)
 {
-    lull_surface at = {floats + 129 * PIXELS, floats + 193 * PIXELS, bytes + PIXELS, PLANE, PLANE,
-                       PLANE};
-    lull_smoothing s = {floats, PLANE, at, {at, at, at, at}, PIXELS};
+    lull_surface at = {floats + 129 * PIXELS, bytes + 2 * PIXELS, PLANE, 2 * PLANE};
+    lull_smoothing s = {floats, bytes + PIXELS, PLANE, at, {at, at, at, at}, PIXELS};
     k->bilateral(&s);
 }
 
@@ -459,7 +458,7 @@ static unsigned bench_pixels(const char *port, const lull_kernels *kernels,
     BENCH(blend, "3 channels")
     BENCH(spread, "3 channels")
     BENCH(noise, "4 codes")
-    BENCH(bilateral, "12 pixels")
+    BENCH(bilateral, "10 pixels")
     BENCH(modulate, "3 channels")
     BENCH(luminance, "3 channels")
     BENCH(curve_in, "3 channels")

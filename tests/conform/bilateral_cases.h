@@ -6,28 +6,34 @@
 static void noise_case(unsigned pixels, int has_normal)
 {
     int at_end = guard_below(2) != 0;
-    size_t plane = pixels + GAP, bytes = 3 * plane + pixels, floats = 2 * plane + pixels;
+    size_t plane = pixels + GAP, floats = 2 * plane + pixels, pair_bytes = 6 * plane - 2 * GAP;
     float *radiance = make_floats(GUARD_ROW, 3 * pixels, 0.0f, 70000.0f, at_end);
     float *normal = make_floats(GUARD_ROW + 1, 3 * pixels, -1.0f, 1.0f, at_end);
     float *v = make_floats(GUARD_ROW + 2, floats, 0.0f, 99.0f, at_end);
     float *smooth = make_floats(GUARD_ROW + 3, floats, 0.02f, 1.02f, at_end);
-    uint8_t *out = guard_place(GUARD_OUT, bytes, at_end);
+    uint8_t *noise = guard_place(GUARD_OUT, pixels, at_end);
+    uint8_t *pairs = guard_place(GUARD_BIAS, pair_bytes, at_end);
     lull_encoding from = {radiance, NULL, has_normal ? normal : NULL, 1.0f, 65504.0f, 0};
-    lull_surface at = {v, smooth, NULL, plane, plane, plane};
+    lull_surface at = {v, pairs, plane, 2 * plane};
     spoil(radiance, 3 * (size_t)pixels);
     spoil(normal, 3 * (size_t)pixels);
     from.scale = guard_below(2) ? 0.0002f : 7.5f;
     for (size_t i = 0; i < 3 * (size_t)pixels; i++) /* some have next to no noise */
         if (guard_below(2))
             radiance[i] = v[i % 3 * plane + i / 3] * smooth[i % 3 * plane + i / 3] / from.scale;
-    memset(out, 7, bytes);
-    now.scalar.noise(out, &from, &at, pixels);
-    memcpy(expected, out, bytes);
-    memset(out, 7, bytes);
-    now.port->noise(out, &from, &at, pixels);
-    same_bytes(out, bytes, "noise", pixels);
+    memset(noise, 7, pixels);
+    memset(pairs, 7, pair_bytes);
+    now.scalar.noise(noise, &at, &from, smooth, plane, pixels);
+    memcpy(expected, noise, pixels);
+    memcpy(expected + pixels, pairs, pair_bytes);
     for (size_t i = 0; !has_normal && i < pixels; i++)
-        CHECK(out[i] == 7 && out[plane + i] == 7 && out[2 * plane + i] == 7);
+        CHECK(pairs[2 * plane + 2 * i + 1] == 128 && pairs[4 * plane + 2 * i] == 128);
+    memset(noise, 7, pixels);
+    memset(pairs, 7, pair_bytes);
+    now.port->noise(noise, &at, &from, smooth, plane, pixels);
+    same_bytes(noise, pixels, "noise", pixels);
+    memmove(expected, expected + pixels, pair_bytes);
+    same_bytes(pairs, pair_bytes, "noise: pairs", pixels);
 }
 
 static void noise_cases(void)
@@ -44,16 +50,16 @@ static void make_surface(lull_surface *to, unsigned r, unsigned pixels, unsigned
     static const unsigned code_places[] = {GUARD_ROW + 5, GUARD_WEIGHTS + 5, GUARD_BIAS,
                                            GUARD_MULTIPLIER, GUARD_START};
     unsigned n = pixels + 2 * side;
-    size_t plane = n + GAP;
-    uint8_t *codes = guard_place(code_places[r], 3 * plane + n, at_end);
-    float low = 1.0f - even;
-    to->v = side + make_floats(GUARD_ROW + r, 2 * plane + n, low, 1.0f, at_end);
-    to->smooth = side + make_floats(GUARD_WEIGHTS + r, 2 * plane + n, low + 0.02f, 1.02f, at_end);
-    to->v_plane = to->smooth_plane = to->code_plane = plane;
-    for (size_t i = 0; i < 3 * plane + n; i++)
-        codes[i] = (uint8_t)(i < 3 * plane ? 128 + guard_below(1 + (unsigned)(99 * even))
-                                           : guard_below(guard_below(2) ? 8 : 256));
-    to->codes = codes + side;
+    size_t plane = n + GAP, bytes = 6 * plane - 2 * GAP;
+    uint8_t *pairs = guard_place(code_places[r], bytes, at_end);
+    to->v = side + make_floats(GUARD_ROW + r, 2 * plane + n, 1.0f - even, 1.0f, at_end);
+    to->v_plane = plane;
+    to->pair_plane = 2 * plane;
+    for (size_t i = 0; i < bytes; i++) /* of some pixels the largest differences there can be */
+        pairs[i] = (uint8_t)(guard_below(2 * (unsigned)bytes) ? 99 + guard_below(1 + (unsigned)(
+                                                                    80 * even))
+                                                              : 255 * guard_below(2));
+    to->pairs = pairs + 2 * side;
 }
 
 static void bilateral_case(unsigned pixels, float even)
@@ -61,7 +67,10 @@ static void bilateral_case(unsigned pixels, float even)
     int at_end = guard_below(2) != 0;
     size_t plane, bytes;
     float *out = place_planes(3, pixels, &plane, &bytes, at_end);
-    lull_smoothing s = {out, plane, {0}, {{0}}, pixels};
+    uint8_t *noise = guard_place(GUARD_WEIGHTS, pixels + 2, at_end);
+    lull_smoothing s = {out, noise + 1, plane, {0}, {{0}}, pixels};
+    for (unsigned i = 0; i < pixels + 2; i++)
+        noise[i] = (uint8_t)guard_below(guard_below(2) ? 8 : 256);
     make_surface(&s.row, 0, pixels, LULL_BILATERAL_REACH, even, at_end);
     for (unsigned r = 0; r < 4; r++)
         make_surface(&s.beside[r], 1 + r, pixels, 0, even, at_end);
