@@ -11,5 +11,14 @@ void lull_port_neon(lull_kernels *kernels)
 #if defined(__aarch64__) /* 32-bit NEON takes subnormals for zeros, so these would not be exact */
     kernels->pool_f32 = lull_pool_f32_neon;
     kernels->filter5 = lull_filter5_neon;
+    kernels->encode = lull_encode_neon;
+    kernels->spread = lull_spread_neon;
+    kernels->demodulate = lull_demodulate_neon;
+    kernels->shrink = lull_shrink_neon;
+    kernels->blend = lull_blend_neon;
+    kernels->noise = lull_noise_neon;
+    kernels->bilateral = lull_bilateral_neon;
+    kernels->modulate = lull_modulate_neon;
+    kernels->luminance = lull_luminance_neon;
 #endif
 }

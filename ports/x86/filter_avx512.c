@@ -179,5 +179,7 @@ LULL_INLINE ivec squares_of_pairs(ivec a, ivec b)
     return _mm512_madd_epi16(a, a);
 }
 
-#include "filter_rows.h"
-#include "bilateral_rows.h"
+#include "../filter_rows.h"
+
+#include "../bilateral_rows.h"
+#include "filter5_rows.h"

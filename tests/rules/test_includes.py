@@ -77,10 +77,11 @@ def test_lib_includes_only_what_its_module_may():
     assert not wrong, "\n".join(wrong)
 
 
-def test_ports_include_kernels_and_their_own_folder():
+def test_ports_include_kernels_their_own_folder_and_templates():
     wrong = []
     for path in all_of("ports"):
         own = {p.name for p in path.parent.iterdir()}
+        own |= {f"../{p.name}" for p in path.parent.parent.glob("*_rows.h")}  # of all ports
         for quoted, name in includes(path):
             if quoted and stem(name) not in PORT_MAY and name not in own:
                 wrong.append(f"{name_of(path)} includes {name}")

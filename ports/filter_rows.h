@@ -3,15 +3,15 @@
  * instruction set:
  *
  *   vec, ivec, LANES                a vector of LANES floats; the same as int32
- *   load(p), store(p, v), set(f)    any address
- *   load_n(p, n), store_n(p, v, n)  the first n lanes only; others are 0
+ *   set(f)                          f in all lanes
+ *   load_n(p, n), store_n(p, v, n)  any address; the first n lanes only, others are 0
  *   add, sub, mul, quotient, low, high
  *                                   low(a, b): b if one is no number; high alike
  *   above(v, least)                 v where its bits are above `least` as int32, else 0; v >= 0
  *   choose(if_positive, v, other)   lanes of v where if_positive > 0, else of other
  *   ints(v), floats(i)              casts
  *   whole(v)                        floats to int32, cut
- *   set_int(i), add_int, sub_int, or_int, shift_left(i, n), shift_right(i, n) (zeros come in),
+ *   set_int(i), sub_int, or_int, shift_left(i, n), shift_right(i, n) (zeros come in),
  *   shift_sign(i, n) (copies of the sign), number(i) (to float)
  *   is_number(v)                    v, or 0 where it is no number
  *   split(p, n, &a, &b, &c)         3 n interleaved floats at p, n <= LANES, as three vectors
@@ -21,11 +21,6 @@
  *                                   table values of the lowest bytes of q
  *   codes_at(q, step, n)            the dword at q + i * step in lane i < n
  *   look_up(table, q, n)            table[q[i]] in lane i < n
- *   pixels_from(q, step, j, n)      16 bytes at q + i * step of pixels i = j, j + 4, ..., a quarter
- *                                   of the lanes, each not beyond pixel n - 1
- *   low32, high32, low64, high64    (a, b): of each 16 bytes that half, dwords or qwords in turn
- *   TIE(a, b, c, d, e)              none is used before all are there: else compilers compute many
- *                                   weights at once and spill them
  *   NAME(op)                        lull_<op>_<isa>
  */
 
@@ -38,70 +33,6 @@
         if (p < (pixels))                                                                          \
             BLOCK((unsigned)((pixels)-p));                                                         \
     }
-
-/* ---- 5x5 means ------------------------------------------------------------------------------- */
-
-/* 25 codes at q + i * step for lane i < n: see TAP. */
-LULL_INLINE void tap_codes(ivec *taps, const uint8_t *q, size_t step, unsigned n)
-{
-    ivec a = pixels_from(q, step, 0, n), b = pixels_from(q, step, 1, n);
-    ivec c = pixels_from(q, step, 2, n), d = pixels_from(q, step, 3, n);
-    ivec ab = low32(a, b), cd = low32(c, d);
-    taps[0] = low64(ab, cd);
-    taps[1] = high64(ab, cd);
-    ab = high32(a, b), cd = high32(c, d);
-    taps[2] = low64(ab, cd);
-    taps[3] = high64(ab, cd);
-    q += 9;
-    a = pixels_from(q, step, 0, n), b = pixels_from(q, step, 1, n);
-    c = pixels_from(q, step, 2, n), d = pixels_from(q, step, 3, n);
-    taps[4] = high64(low32(a, b), low32(c, d));
-    ab = high32(a, b), cd = high32(c, d);
-    taps[5] = low64(ab, cd);
-    taps[6] = high64(ab, cd);
-}
-
-/* Taps 0..15 are the bytes of taps[0..3], taps 13..24 those of taps[4..6]. */
-#define TAP(x, vector, byte)                                                                       \
-    {                                                                                              \
-        TIE(taps[vector], s0, s1, s2, s3);                                                         \
-        vec w = weights(&t, shift_right(taps[vector], 8 * (byte)));                                \
-        const float *v = row + (x);                                                                \
-        s0 = add(s0, mul(w, load_n(v, n)));                                                        \
-        s1 = add(s1, mul(w, load_n(v + plane, n)));                                                \
-        s2 = add(s2, mul(w, load_n(v + 2 * plane, n)));                                            \
-        s3 = add(s3, mul(w, load_n(v + 3 * plane, n)));                                            \
-    }
-
-LULL_INLINE void filter_block(const lull_window *window, const tables *table, size_t p, unsigned n)
-{
-    tables t = *table;
-    vec s0 = set(0.0f), s1 = s0, s2 = s0, s3 = s0, more = set(window->more);
-    vec none = set(window->none);
-    ivec taps[7];
-    size_t plane = window->plane, out_plane = window->out_plane;
-    float *out = window->out + p;
-    const float *row = window->rows[0] + p - 2;
-    tap_codes(taps, window->codes + p * window->code_step, window->code_step, n);
-    TAP(0, 0, 0) TAP(1, 0, 1) TAP(2, 0, 2) TAP(3, 0, 3) TAP(4, 1, 0) row = window->rows[1] + p - 2;
-    TAP(0, 1, 1) TAP(1, 1, 2) TAP(2, 1, 3) TAP(3, 2, 0) TAP(4, 2, 1) row = window->rows[2] + p - 2;
-    TAP(0, 2, 2) TAP(1, 2, 3) TAP(2, 3, 0) TAP(3, 3, 1) TAP(4, 3, 2) row = window->rows[3] + p - 2;
-    TAP(0, 3, 3) TAP(1, 4, 3) TAP(2, 5, 0) TAP(3, 5, 1) TAP(4, 5, 2) row = window->rows[4] + p - 2;
-    TAP(0, 5, 3)
-    TAP(1, 6, 0) TAP(2, 6, 1) TAP(3, 6, 2) TAP(4, 6, 3)
-        store_n(out, choose(s0, add(quotient(s1, s0), more), none), n);
-    store_n(out + out_plane, choose(s0, add(quotient(s2, s0), more), none), n);
-    store_n(out + 2 * out_plane, choose(s0, add(quotient(s3, s0), more), none), n);
-}
-
-void NAME(filter5)(const lull_window *window)
-{
-    tables t;
-    tables_init(&t, window->table);
-#define BLOCK(n) filter_block(window, &t, p, n)
-    FOR_BLOCKS(window->pixels)
-#undef BLOCK
-}
 
 /* ---- Codes ----------------------------------------------------------------------------------- */
 
