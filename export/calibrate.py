@@ -58,27 +58,32 @@ def add_kind(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(content="hdr", main="color")
 
 
-def read_picture(path: Path, kind: Kind) -> dict[str, np.ndarray]:
-    """The features of one picture: a file of layers, or x.hdr.exr with .alb and .nrm beside it."""
+def read_picture(path: Path, kind: Kind, optional: Sequence[str] = ()) -> dict[str, np.ndarray]:
+    """The features of one picture: a file of layers, or x.hdr.exr with .alb and .nrm beside it.
+
+    optional: further features, which are left out where there are none."""
     path = Path(path)
     if not path.is_file():
         raise ToolError(f"{path}: no such file", DATA)
     parts = path.name.split(".")
     triple = len(parts) > 2 and parts[-2] in ("hdr", "ldr", "alb", "nrm")
-    images = {}
-    for feature in kind.features:
+    images: dict[str, np.ndarray] = {}
+    for feature in (*kind.features, *optional):
+        image = None
         short = SHORT[feature]
         if triple:
             letters = parts[-2] if short == "hdr" and parts[-2] == "ldr" else short
             file = path.with_name(".".join([*parts[:-2], letters, parts[-1]]))
-            images[feature] = read_image(file) if file.is_file() else None
+            image = read_image(file) if file.is_file() else None
         elif path.suffix.lower() == ".exr":
             channels = read_exr_channels(path)
             names = find_channels(short, channels)
-            images[feature] = np.stack([channels[n] for n in names], -1) if names else None
-        else:
-            images[feature] = read_image(path) if feature == kind.features[0] else None
-        if images[feature] is None:
+            image = np.stack([channels[n] for n in names], -1) if names else None
+        elif feature == kind.features[0]:
+            image = read_image(path)
+        if image is not None:
+            images[feature] = image
+        elif feature in kind.features:
             raise ToolError(f"{path}: the model needs {'+'.join(kind.features)}, "
                             f"there is no {feature}", DATA)
     if len({i.shape[:2] for i in images.values()}) > 1:

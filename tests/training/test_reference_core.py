@@ -6,12 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from export import denoise as command
 from export.pixels import Frame
 from export.reference import denoise, load_model
 from export.synthetic import noisy
 from export.tza import Writer
 from tests.training.test_reference import BREAKS, MIXED, model_tensors
-from training.imageio import read_pfm, write_pfm
+from training.imageio import read_image, read_pfm, write_exr, write_pfm
 
 GOLDEN = Path(__file__).resolve().parent.parent / "golden"
 
@@ -49,6 +50,20 @@ def test_same_picture(name, content, args, build, work):
     got = run(build, work, images, GOLDEN / name / "weights.tza", *args)
     assert got.shape == wanted.shape and wanted.std() > 0
     assert (got.view(np.uint32) == wanted.astype(np.float32).view(np.uint32)).all()
+
+
+@pytest.mark.parametrize("aux", [True, False])
+def test_the_command_denoises_with_models_of_family_k(aux, build, work):
+    weights = GOLDEN / "kernel" / "weights.tza"
+    images = {k: v[:40, :50] for k, v in noisy(64, 5, 2).items() if aux or k == "color"}
+    for short, feature in (("hdr", "color"), ("alb", "albedo"), ("nrm", "normal")):
+        if feature in images:
+            write_exr(work / f"x.{short}.exr", images[feature])
+    command.main([str(weights), str(work / "x.hdr.exr"), str(work / "k.pfm")])
+    images = {f: read_image(work / f"x.{s}.exr") for f, s in
+              (("color", "hdr"), ("albedo", "alb"), ("normal", "nrm")) if f in images}
+    got = run(build, work, images, weights, "--hdr")
+    assert (read_pfm(work / "k.pfm").view(np.uint32) == got.view(np.uint32)).all()
 
 
 def test_the_program_refuses_what_the_reference_refuses(build, work):
