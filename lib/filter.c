@@ -84,27 +84,24 @@ void lull_filter_bilateral(const lull_kernels *kernels, const lull_smoothing *sm
                            int last, unsigned n)
 {
     /* pixels whose columns are all there: from `begin` on, before `end` */
-    int begin = first + REACH, end = last + 1 - REACH, i = 0, all = (int)n;
+    int all = (int)n, i;
+    int begin = first + REACH < 0 ? 0 : first + REACH > all ? all : first + REACH;
+    int end = last + 1 - REACH > all ? all : last + 1 - REACH;
     lull_smoothing inside = *smoothing;
-    end = end > all ? all : end;
-    while (i < all) {
-        int left = (i < begin ? begin < all ? begin : all : all) - i;
-        if (i >= begin && i < end) {
-            inside.out = smoothing->out + i;
-            inside.noise = smoothing->noise + i;
-            inside.row.v = smoothing->row.v + i;
-            inside.row.pairs = smoothing->row.pairs + 2 * i;
-            for (unsigned k = 0; k < 4; k++) {
-                inside.beside[k].v = smoothing->beside[k].v + i;
-                inside.beside[k].pairs = smoothing->beside[k].pairs + 2 * i;
-            }
-            inside.pixels = (unsigned)(end - i);
-            kernels->bilateral(&inside);
-            i = end;
-            continue;
-        }
-        left = left < EDGE ? left : EDGE;
-        smooth_edge(kernels, smoothing, first, last, i, left);
-        i += left;
+    end = end < begin ? begin : end;
+    for (i = 0; i < begin; i += EDGE)
+        smooth_edge(kernels, smoothing, first, last, i, begin - i < EDGE ? begin - i : EDGE);
+    inside.out += begin;
+    inside.noise += begin;
+    inside.row.v += begin;
+    inside.row.pairs += 2 * begin;
+    for (unsigned k = 0; k < 4; k++) {
+        inside.beside[k].v += begin;
+        inside.beside[k].pairs += 2 * begin;
     }
+    inside.pixels = (unsigned)(end - begin);
+    if (begin < end)
+        kernels->bilateral(&inside);
+    for (i = end; i < all; i += EDGE)
+        smooth_edge(kernels, smoothing, first, last, i, all - i < EDGE ? all - i : EDGE);
 }

@@ -457,7 +457,7 @@ static unsigned bench_pixels(const char *port, const lull_kernels *kernels,
     BENCH(shrink, "3 channels")
     BENCH(blend, "3 channels")
     BENCH(spread, "3 channels")
-    BENCH(noise, "4 codes")
+    BENCH(noise, "7 codes")
     BENCH(bilateral, "10 pixels")
     BENCH(modulate, "3 channels")
     BENCH(luminance, "3 channels")
