@@ -65,7 +65,7 @@ def run(program: Path, *arguments: str | Path, env: dict[str, str] | None = None
             pass
         if time.monotonic() - start > limit:
             process.kill()
-        time.sleep(0.002)
+        time.sleep(0.02)
     output = process.stdout.read()
     if process.returncode != 0:
         last = (output.strip().splitlines() or ["no output"])[-1]
