@@ -15,27 +15,19 @@ import numpy as np
 from export import pixels
 from export.graph import ALIGN, NETS_DEF, Layer, ModelError, Net, read_nets
 from export.reference import NARROW_MAX, FloatModel, IntLayer, IntModel, _tensor, check_layer
+from export.smooth import EPS, corrected, noise_codes, smoothed, to_code
 from export.tza import Reader
 
 F = np.float32
 INPUTS, LEVELS, TAPS = 12, 5, 25
-EPS, RADIANCE_MAX = F(0.02), F(65504)
+RADIANCE_MAX = F(65504)
 LOG_GAIN, CODES_PER_OCTAVE = F(32), F(21.2493764)
 PER_CODE = F(0.0901684401)  # log2(e) / 16
 CONFIDENCE, BLEND, ALBEDO = 25, 26, 27
 HEAD_STEP = 1 / 16          # logit of one code
+NO_NORMAL = 128             # code of the normal where there is none
 
-# Smoothing along the result
-BILATERAL = "bilateral.scale"    # a tensor of one 1: the model asks for it
-NOISE_GAIN = F(128)              # noise codes per unit of relative difference
-WIDTH_PER_CODE = F(0.0017361111)  # 2 / (3 channels * 3 pixels * 128)
-WIDTH_MAX, WIDTH_MIN = F(0.4), F(0.001)
-RESULT_GAIN = F(0.5)
-SURFACE_GAIN = F(0.000384)       # of squared differences of the codes of albedo and normal
-ALBEDO_CODES = F(240)            # codes per unit of filtered albedo + EPS
-NO_NORMAL = 128                  # code of the normal where there is none
-OFFSETS = ((-12, 0), (-6, 0), (-2, 0), (2, 0), (6, 0), (12, 0),
-           (0, -4), (0, -2), (0, 2), (0, 4))  # (x, y) of the pixels averaged over
+BILATERAL = "bilateral.scale"    # a tensor of one 1: smoothing and correction (export.smooth)
 
 
 @dataclass(frozen=True)
@@ -139,18 +131,14 @@ def int_trunk(tensors: Mapping[str, np.ndarray], file: str) -> IntTrunk:
 
 # ---- Input and filter ----------------------------------------------------------------------------
 
-def _code(v: np.ndarray) -> np.ndarray:
-    return np.minimum(v + F(0.5), F(255)).astype(np.uint8)
-
-
 def encode(radiance: np.ndarray, albedo: np.ndarray | None, normal: np.ndarray | None,
            clipped: bool) -> np.ndarray:
     """Network codes [H,W,12] of exposed radiance, albedo in [0,1], normals in [-1,1], sanitised."""
     a = np.full_like(radiance, F(1) - EPS) if albedo is None else albedo
     v = np.minimum(radiance, RADIANCE_MAX) / (a + EPS)
-    log = _code(pixels.log2(F(1) + LOG_GAIN * v) * CODES_PER_OCTAVE)
-    alb = np.zeros_like(log) if albedo is None else _code(albedo * F(255))
-    nrm = np.full_like(log, NO_NORMAL) if normal is None else _code(normal * F(127.5) + F(127.5))
+    log = to_code(pixels.log2(F(1) + LOG_GAIN * v) * CODES_PER_OCTAVE)
+    alb = np.zeros_like(log) if albedo is None else to_code(albedo * F(255))
+    nrm = np.full_like(log, NO_NORMAL) if normal is None else to_code(normal * F(127.5) + F(127.5))
     flags = np.zeros_like(log)
     flags[:] = [255 * (albedo is not None), 255 * (normal is not None), 255 * clipped]
     return np.concatenate((log, alb, nrm, flags), -1)
@@ -193,49 +181,11 @@ def _upsampled(x: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     return x
 
 
-def _moved(v: np.ndarray, offset: tuple[int, int]) -> np.ndarray:
-    """v(p + offset), or the nearest pixel inside; v [H,W,C], offset (x, y)."""
-    y, x = (np.clip(np.arange(n) + k, 0, n - 1) for n, k in zip(v.shape, offset[::-1]))
-    return v[y[:, None], x]
-
-
-def _summed(v: np.ndarray) -> np.ndarray:
-    return (v[..., :1] + v[..., 1:2]) + v[..., 2:]
-
-
-def _width(noise: np.ndarray) -> np.ndarray:
-    """Width in units of the result, float32 in [0.001, 0.4], from noise codes uint8 [H,W,1]."""
-    sums = sum(_moved(noise, (k, 0)).astype(F) for k in (-1, 0, 1))
-    return np.maximum(np.minimum(sums * WIDTH_PER_CODE, WIDTH_MAX), WIDTH_MIN)
-
-
-def smoothed(out: np.ndarray, smooth: np.ndarray, first: np.ndarray,
-             normal_codes: np.ndarray) -> np.ndarray:
-    """The demodulated result, averaged along surfaces whose light is even, [H,W,3].
-
-    out: demodulated result >= 0, smooth: filtered albedo + EPS, first: demodulated input, all
-    float32 [H,W,3]; normal_codes: 0..255 [H,W,3], 128 where there are no normals.
-    """
-    level = out + EPS
-    noise = _code(NOISE_GAIN * _summed(np.abs(first - out) / level))
-    gain = (RESULT_GAIN / _width(noise)) / level
-    surface = np.concatenate((_code(ALBEDO_CODES * smooth), normal_codes), -1).astype(np.int32)
-    weights, total = np.ones_like(out[..., :1]), np.zeros_like(out)
-    for k in OFFSETS:
-        change = _moved(out, k) - out
-        apart = ((_moved(surface, k) - surface) ** 2).sum(-1, keepdims=True).astype(F)
-        x = change * gain
-        w = np.maximum(F(1) - (_summed(x * x) + SURFACE_GAIN * apart), F(0))
-        w = w * w
-        weights = weights + w
-        total = total + w * change
-    return out + total / weights
-
-
 def apply_filter(heads: list[np.ndarray], radiance: np.ndarray, albedo: np.ndarray | None,
-                 normal_codes: np.ndarray | None = None) -> np.ndarray:
+                 normal_codes: np.ndarray | None = None, clipped: bool = False) -> np.ndarray:
     """Filtered radiance [H,W,3]. heads: codes by level, of the padded size; normal_codes: those of
-    the network's input, uint8 [H,W,3], to smooth along the result."""
+    the network's input, uint8 [H,W,3], to smooth along the result; clipped: the radiance was, so
+    that it lacks light itself."""
     h, w, _ = radiance.shape
     table = weight_table()
     smooth = np.ones_like(radiance)
@@ -243,7 +193,8 @@ def apply_filter(heads: list[np.ndarray], radiance: np.ndarray, albedo: np.ndarr
         v = np.concatenate((np.ones((h, w, 1), F), albedo), -1)
         sums = sums_5x5(table[heads[0][:h, :w, ALBEDO:ALBEDO + TAPS]], v)
         smooth = sums[..., 1:] / sums[..., :1] + EPS
-    first = np.minimum(radiance, RADIANCE_MAX) / smooth
+    radiance = np.minimum(radiance, RADIANCE_MAX)
+    first = radiance / smooth
     i, filtered, blends = first, [], []
     for level in range(LEVELS):
         head = heads[level][:i.shape[0], :i.shape[1]]
@@ -259,7 +210,9 @@ def apply_filter(heads: list[np.ndarray], radiance: np.ndarray, albedo: np.ndarr
         f = filtered[level]
         out = f + blends[level] * (_upsampled(out, f.shape) - f)
     if normal_codes is not None:
-        out = smoothed(out, smooth, first, normal_codes)
+        noise = noise_codes(out, first)
+        out = smoothed(out, smooth, noise, normal_codes)
+        out = out if clipped else corrected(out, smooth, noise, radiance)
     return out * smooth
 
 
@@ -288,7 +241,7 @@ def run_frame(model: IntTrunk, frame: pixels.Frame, channels: int = 3) -> np.nda
     codes = np.pad(codes, ((0, -h % ALIGN), (0, -w % ALIGN), (0, 0)))
     maps = model.maps(codes)
     v = apply_filter([maps[n] for n in model.net.heads], r, aux["albedo"],
-                     codes[:h, :w, 6:9] if model.bilateral else None)
+                     codes[:h, :w, 6:9] if model.bilateral else None, not rule.is_hdr)
     v = pixels.sanitize(v, 1.0, 0.0, pixels.MAX)
     v = pixels.srgb_forward(v) if frame.content == "srgb" and not rule.is_signed else v
     return frame.stored(v, channels)

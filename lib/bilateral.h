@@ -1,5 +1,6 @@
-/* The last step of family K's filter, which averages along surfaces whose light is even
- * (docs/kernel-prediction.md, step 6 of the filter). Models have it whose files ask for it.
+/* The last steps of family K's filter (docs/kernel-prediction.md, steps 6 and 7): averages along
+ * surfaces whose light is even, and light that the result lacks. Models have them whose files ask
+ * for them.
  *
  * noise: what bilateral knows of n pixels beside their result. Codes are whole numbers, at most
  *     255: of the filtered albedo + epsilon A = LULL_ALBEDO_CODES smooth + 0.5, 3 planes; of the
@@ -8,6 +9,11 @@
  *
  * bilateral: the smoothed result of pixels all of whose columns, up to LULL_BILATERAL_REACH to
  *     either side, are there (of the noise one to either side).
+ *
+ * residual: adds what n pixels make of their cell's balance to 3 planes of sums. With V = (v(r)
+ *     smooth(r) + v(g) smooth(g)) + v(b) smooth(b), R = (R(r) + R(g)) + R(b), L = V +
+ *     LULL_BALANCE_EPSILON and q = min((R - V) / L, LULL_MOST_LACKING): q, q q, and (V / L) w,
+ *     where w = min(noise code * LULL_NOISE_SHARE, 1).
  */
 #ifndef LULL_BILATERAL_H
 #define LULL_BILATERAL_H
@@ -22,6 +28,15 @@
 #define LULL_NARROWEST 0.001f
 #define LULL_ALBEDO_CODES 240.0f     /* per 1 of the albedo */
 #define LULL_SURFACE_SCALE 0.000384f /* of squared differences of codes */
+
+#define LULL_CELL 16u              /* pixels, in either direction */
+#define LULL_CELL_LEVEL 4u         /* log2 of it */
+#define LULL_CELL_SUMS 3u          /* of a cell: of q, q q, and what may be corrected */
+#define LULL_BALANCE_EPSILON 0.15f /* three times 0.05 */
+#define LULL_NOISE_SHARE 0.05f     /* of a correction, per noise code */
+#define LULL_MOST_LACKING 200.0f   /* of one pixel: single sparks are chance */
+#define LULL_MOST_GAIN 0.5f
+#define LULL_GAIN_REACH 64u /* columns to either side on which a correction depends */
 
 /* A row of the result, 3 planes, and of the codes beside it, 3 planes of pairs: (A(r), A(g)),
  * (A(b), n(x)), (n(y), n(z)). Each plane lies so many floats or bytes after the one before. */
@@ -38,5 +53,26 @@ typedef struct lull_smoothing {
     lull_surface row, beside[4]; /* row y; y - 4, y - 2, y + 2, y + 4, or the nearest there is */
     unsigned pixels;
 } lull_smoothing;
+
+/* Pixels of a row of the smoothed result, 3 planes, and what belongs to them; sums lie in planes,
+ * sum_plane apart. */
+typedef struct lull_balance {
+    float *sums;
+    const float *v, *smooth;
+    const uint8_t *noise;
+    size_t sum_plane, v_plane, smooth_plane;
+    unsigned pixels;
+} lull_balance;
+
+/* The correction of a cell from the sums of it and those around it: of the sum of q the share that
+ * is not chance, 1 - (sum of q q) / (sum of q)^2, which is 0 for one pixel and 1 - 1/n for n alike,
+ * spread over what may be corrected. */
+LULL_INLINE float lull_cell_gain(float q, float squares, float base)
+{
+    float share = 1.0f - squares / (q * q + 1e-6f);
+    float gain = (share > 0.0f ? share : 0.0f) * q / (base + 32.0f);
+    gain = gain < -LULL_MOST_GAIN ? -LULL_MOST_GAIN : gain;
+    return gain > LULL_MOST_GAIN ? LULL_MOST_GAIN : gain;
+}
 
 #endif

@@ -135,7 +135,9 @@ static int is_short(const lull_task *t)
             if (lull_layer_is_conv(layer) || g->stores)
                 return 0;
             cost += g->rows * ((t->right - t->left) >> layer->level) *
-                    (layer->reads[0] == LULL_READS_5 ? MEAN_COST : 1);
+                    (layer->reads[0] == LULL_READS_5      ? MEAN_COST
+                     : layer->reads[0] == LULL_READS_CELL ? LULL_CELL * LULL_CELL
+                                                          : 1);
         }
     return cost < SHORT_LOOP;
 }
@@ -230,14 +232,19 @@ static lull_status check_images(const lull_plan *plan, const lull_images *images
     return LULL_OK;
 }
 
+/* The rows of auto-exposure bins. */
+static lull_exposure_row *exposure_rows(const lull_plan *plan)
+{
+    return (lull_exposure_row *)(void *)((uint8_t *)plan + (size_t)plan->exposure * LULL_ALIGN);
+}
+
 static void exposure_task(void *context, unsigned index, unsigned worker)
 {
     const lull_task *t = context;
     const lull_plan *plan = t->plan;
-    lull_exposure_row *rows = (lull_exposure_row *)(void *)((uint8_t *)t->plan + plan->exposure);
     (void)worker;
-    lull_exposure_bin_row(&rows[index], &t->images->color, plan->frame.width, plan->frame.height,
-                          index, plan->model->kernels.luminance);
+    lull_exposure_bin_row(exposure_rows(plan) + index, &t->images->color, plan->frame.width,
+                          plan->frame.height, index, plan->model->kernels.luminance);
 }
 
 static float choose_scale(lull_task *t, const lull_host *host)
@@ -249,8 +256,7 @@ static float choose_scale(lull_task *t, const lull_host *host)
     if (!lull_exec_content(&plan->frame).is_hdr)
         return 1.0f;
     parallel(plan, host, rows, exposure_task, t);
-    return lull_exposure_scale((lull_exposure_row *)(void *)((uint8_t *)plan + plan->exposure),
-                               rows);
+    return lull_exposure_scale(exposure_rows(plan), rows);
 }
 
 lull_status lull_run(lull_plan *plan, const lull_images *images, const lull_host *host)

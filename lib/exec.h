@@ -74,6 +74,16 @@ void lull_exec_patches(const lull_task *t, unsigned x, unsigned y, unsigned n, u
 void lull_exec_conv(const lull_plan *plan, unsigned l, const int32_t *start, unsigned x, unsigned y,
                     unsigned n);
 
+/* The codes that a layer of the filter keeps beside its result, at pixel x. */
+uint8_t *lull_exec_codes(const lull_plan *plan, unsigned tensor, unsigned y, unsigned x);
+
+/* Columns of a row of level 0 that are inside the image. */
+unsigned lull_exec_inside(const lull_task *t);
+
+/* Sums of cells [x, x+n) of row y of cells; columns [x, x+n) of row y of the corrected result. */
+void lull_exec_residual(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker);
+void lull_exec_correct(const lull_task *t, unsigned x, unsigned y, unsigned n);
+
 /* Columns [x, x+n) of row y of the task's layer, if it is one of the filter. */
 void lull_exec_filter(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker);
 

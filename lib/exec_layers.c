@@ -25,7 +25,7 @@ const uint8_t *lull_exec_source(const lull_plan *plan, unsigned tensor, int y)
 {
     const lull_ring *ring = &plan->ring[tensor];
     if (y < 0 || y >= (int)(plan->height >> ring->level))
-        return (uint8_t *)plan + plan->zero_row + lull_ring_left(ring);
+        return (uint8_t *)plan + (size_t)plan->zero_row * LULL_ALIGN + lull_ring_left(ring);
     return lull_exec_row(plan, tensor, (unsigned)y);
 }
 
@@ -173,7 +173,7 @@ static size_t code_plane(const lull_plan *plan, unsigned tensor)
 }
 
 /* The first of them, at pixel x. */
-static uint8_t *kept_codes(const lull_plan *plan, unsigned tensor, unsigned y, unsigned x)
+uint8_t *lull_exec_codes(const lull_plan *plan, unsigned tensor, unsigned y, unsigned x)
 {
     const lull_ring *ring = &plan->ring[tensor];
     return lull_exec_row(plan, tensor, y) - lull_ring_left(ring) +
@@ -255,7 +255,7 @@ static void make_pooled(const lull_task *t, unsigned x, unsigned y, unsigned n,
 static void make_filtered(const lull_task *t, unsigned x, unsigned y, unsigned n,
                           const uint8_t *codes, size_t step, unsigned worker)
 {
-    uint8_t *kept = kept_codes(t->plan, t->layer + 1, y, x);
+    uint8_t *kept = lull_exec_codes(t->plan, t->layer + 1, y, x);
     (void)worker;
     make_means(t, x, y, n, 0.0f, 0.0f, codes, step);
     for (unsigned i = 0; i < n; i++)
@@ -267,7 +267,7 @@ static uint8_t *get_surface(lull_surface *at, const lull_task *t, unsigned tenso
                             unsigned y)
 {
     const lull_plan *plan = t->plan;
-    uint8_t *codes = kept_codes(plan, tensor, y, 0);
+    uint8_t *codes = lull_exec_codes(plan, tensor, y, 0);
     size_t plane = code_plane(plan, tensor);
     at->v = lull_exec_floats(plan, tensor, y, x);
     at->v_plane = lull_exec_plane(plan, tensor);
@@ -276,8 +276,7 @@ static uint8_t *get_surface(lull_surface *at, const lull_task *t, unsigned tenso
     return codes + 6 * plane + x;
 }
 
-/* Columns of a row of level 0 that are inside the image. */
-static unsigned columns_inside(const lull_task *t)
+unsigned lull_exec_inside(const lull_task *t)
 {
     return lull_min_u(t->plan->frame.width, t->right) - t->left;
 }
@@ -286,7 +285,7 @@ static unsigned columns_inside(const lull_task *t)
 static void make_noise(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker)
 {
     const lull_plan *plan = t->plan;
-    unsigned width = columns_inside(t), tensor = t->layer + 1;
+    unsigned width = lull_exec_inside(t), tensor = t->layer + 1;
     unsigned smooth = lull_graph_find(&plan->model->graph, LULL_OP_SMOOTH, 0);
     unsigned end = y < plan->frame.height ? lull_min_u(x + n, width) : 0;
     float *block = lull_exec_scratch(t, worker);
@@ -328,7 +327,7 @@ static void make_blended(const lull_task *t, unsigned x, unsigned y, unsigned n,
     blending.near = lull_exec_floats(plan, tensor, lull_min_u(row, bottom - 1), x / 2);
     blending.far = lull_exec_floats(plan, tensor, lull_min_u(beside, bottom - 1), x / 2);
     blending.coarse_plane = lull_exec_plane(plan, tensor);
-    blending.codes = kept_codes(plan, layer->source[0], y, x);
+    blending.codes = lull_exec_codes(plan, layer->source[0], y, x);
     blending.table = plan->model->blend_table;
     blending.pairs = 0;
     lull_filter_blend(
@@ -343,7 +342,7 @@ static void make_bilateral(const lull_task *t, unsigned x, unsigned y, unsigned 
 {
     static const int8_t beside[] = {-4, -2, 2, 4};
     const lull_plan *plan = t->plan;
-    unsigned width = columns_inside(t), tensor = plan->model->graph.layer[t->layer].source[0];
+    unsigned width = lull_exec_inside(t), tensor = plan->model->graph.layer[t->layer].source[0];
     lull_smoothing s;
     (void)codes;
     (void)step;
@@ -358,8 +357,26 @@ static void make_bilateral(const lull_task *t, unsigned x, unsigned y, unsigned 
         get_surface(&s.beside[k], t, tensor, x,
                     (unsigned)(other < 0 ? 0 : other > last ? last : other));
     }
-    lull_filter_bilateral(&plan->model->kernels, &s, -(int)x, (int)(width - 1) - (int)x,
-                          lull_min_u(n, width - x));
+    n = lull_min_u(n, width - x);
+    lull_filter_bilateral(&plan->model->kernels, &s, -(int)x, (int)(width - 1) - (int)x, n);
+    memcpy(lull_exec_codes(plan, t->layer + 1, y, x), s.noise, n);
+}
+
+static void make_residual(const lull_task *t, unsigned x, unsigned y, unsigned n,
+                          const uint8_t *codes, size_t step, unsigned worker)
+{
+    (void)codes;
+    (void)step;
+    lull_exec_residual(t, x, y, n, worker);
+}
+
+static void make_corrected(const lull_task *t, unsigned x, unsigned y, unsigned n,
+                           const uint8_t *codes, size_t step, unsigned worker)
+{
+    (void)codes;
+    (void)step;
+    (void)worker;
+    lull_exec_correct(t, x, y, n);
 }
 
 /* Columns [x, x+n) of row y of a layer of the filter; its codes are those of the last head it
@@ -369,7 +386,7 @@ void lull_exec_filter(const lull_task *t, unsigned x, unsigned y, unsigned n, un
     static void (*const make[])(const lull_task *, unsigned, unsigned, unsigned, const uint8_t *,
                                 size_t, unsigned) = {
         NULL,        NULL,          make_smooth,  make_demodulated,
-        make_pooled, make_filtered, make_blended, make_bilateral};
+        make_pooled, make_filtered, make_blended, make_bilateral, make_residual, make_corrected};
     const lull_layer *layer = &t->plan->model->graph.layer[t->layer];
     unsigned head = layer->op == LULL_OP_DEMODULATE ? layer->source[2] : layer->source[1];
     size_t step = t->plan->ring[head].channels;

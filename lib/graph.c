@@ -53,7 +53,7 @@ static int same(const char *a, const char *b)
 const char *lull_layer_name(const lull_layer *layer)
 {
     static const char *const names[] = {"", "", "smooth", "demodulate", "pool", "filter", "blend",
-                                        "bilateral"};
+                                        "bilateral", "residual", "correct"};
     if (layer->op == LULL_OP_CONV)
         return rows[layer->row].name;
     return layer->op == LULL_OP_HEAD ? heads[layer->row].name : names[layer->op];
@@ -289,7 +289,7 @@ static unsigned add_second_head(lull_graph *graph, unsigned head, unsigned v)
     return ++graph->layers;
 }
 
-/* The filter of family K, docs/kernel-prediction.md. Its last step is for files that ask for it. */
+/* The filter of family K, docs/kernel-prediction.md; the last steps for files that ask for them. */
 static lull_status add_filters(lull_graph *graph, const lull_tza *tza)
 {
     static const lull_reads smooth[] = {LULL_READS_5, LULL_READS_ROW};
@@ -297,6 +297,8 @@ static lull_status add_filters(lull_graph *graph, const lull_tza *tza)
     static const lull_reads pool[] = {LULL_READS_FINE, LULL_READS_ROW};
     static const lull_reads blend[] = {LULL_READS_ROW, LULL_READS_COARSE, LULL_READS_ROW};
     static const lull_reads bilateral[] = {LULL_READS_9, LULL_READS_ROW};
+    static const lull_reads cell[] = {LULL_READS_CELL, LULL_READS_CELL};
+    static const lull_reads correct[] = {LULL_READS_ROW, LULL_READS_CELLS};
     unsigned head[K_LEVELS], filtered[K_LEVELS], v, even, result;
     lull_tza_tensor asked;
     int has_bilateral = lull_tza_find(tza, "bilateral", ".scale", &asked);
@@ -329,9 +331,15 @@ static lull_status add_filters(lull_graph *graph, const lull_tza *tza)
             (unsigned[]){filtered[s], result,
                          s || !has_bilateral ? LULL_TENSOR_NONE : LULL_TENSOR_RADIANCE},
             blend);
-    if (has_bilateral)
+    if (has_bilateral) {
+        unsigned sums;
         result = add_filter(graph, LULL_OP_BILATERAL, 0, 3,
                             (unsigned[]){result, LULL_TENSOR_NORMAL, LULL_TENSOR_NONE}, bilateral);
+        sums = add_filter(graph, LULL_OP_RESIDUAL, LULL_CELL_LEVEL, LULL_CELL_SUMS,
+                          (unsigned[]){result, LULL_TENSOR_RADIANCE, LULL_TENSOR_NONE}, cell);
+        result = add_filter(graph, LULL_OP_CORRECT, 0, 3,
+                            (unsigned[]){result, sums, LULL_TENSOR_NONE}, correct);
+    }
     return result == LULL_TENSOR_NONE ? LULL_ERROR_NETWORK : LULL_OK;
 }
 
@@ -352,7 +360,7 @@ static void choose_forms(lull_graph *graph)
  * all pixels of a patch depend on all that its points are made of. */
 static unsigned reach(const lull_graph *graph, int is_exact)
 {
-    static const uint8_t radius[] = {0, 1, 2, 4, 1, 0};
+    static const uint8_t radius[] = {0, 1, 2, 4, 1, 0, 0, LULL_GAIN_REACH};
     unsigned field = 0, align = 1u << graph->levels;
     for (unsigned i = 0; i < graph->layers; i++) {
         const lull_layer *layer = &graph->layer[i];
@@ -438,8 +446,8 @@ int lull_graph_is_local(const lull_graph *graph, unsigned tensor)
 
 int lull_graph_is_smoothed(const lull_graph *graph, unsigned tensor)
 {
-    const lull_layer *last = &graph->layer[graph->layers - 1];
-    return last->op == LULL_OP_BILATERAL && last->source[0] == tensor;
+    unsigned smoothed = lull_graph_find(graph, LULL_OP_BILATERAL, 0);
+    return smoothed != LULL_TENSOR_NONE && graph->layer[smoothed - 1].source[0] == tensor;
 }
 
 int lull_graph_planes(const lull_graph *graph, unsigned tensor)
@@ -450,7 +458,7 @@ int lull_graph_planes(const lull_graph *graph, unsigned tensor)
     op = tensor >= 1 && tensor <= graph->layers ? graph->layer[tensor - 1].op : LULL_OP_CONV;
     if (op == LULL_OP_BLEND && lull_graph_is_smoothed(graph, tensor))
         return 1 + LULL_BILATERAL_CODES;
-    return op == LULL_OP_FILTER ? 2 : op > LULL_OP_HEAD;
+    return op == LULL_OP_FILTER || op == LULL_OP_BILATERAL ? 2 : op > LULL_OP_HEAD;
 }
 
 uint64_t lull_graph_macs_per_pixel(const lull_graph *graph)

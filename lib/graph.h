@@ -5,7 +5,7 @@
 #include "base.h"
 #include "tza.h"
 
-#define LULL_MAX_LAYERS 36
+#define LULL_MAX_LAYERS 38
 #define LULL_MAX_CHANNELS 1024 /* of any one tensor; bounds scratch memory and sums */
 
 /* Tensors are numbered: 0 is the input of the network, 1 + i the output of layer i. Family K also
@@ -36,7 +36,10 @@ typedef enum lull_op {
     LULL_OP_FILTER, /* it, head: filtered radiance (r,g,b), and the codes of the blend weights */
     LULL_OP_BLEND,  /* it, coarser result: result (r,g,b); for the next one also the codes of the
                      * albedo, the normal and the noise, from smooth and the radiance */
-    LULL_OP_BILATERAL /* level 0's result, normal: smoothed; if the file asks for it */
+    LULL_OP_BILATERAL, /* level 0's result, normal: smoothed, and the codes of the noise; this
+                        * and what follows if the file asks for it */
+    LULL_OP_RESIDUAL,  /* it, radiance: sums over the pixels of a cell */
+    LULL_OP_CORRECT    /* smoothed result, sums: result */
 } lull_op;
 
 /* Rows of a source that row y of a layer sees. */
@@ -46,7 +49,9 @@ typedef enum lull_reads {
     LULL_READS_5,      /* y-2 .. y+2 */
     LULL_READS_9,      /* y-4 .. y+4 */
     LULL_READS_COARSE, /* of half the resolution: (y+1)/2 - 1 and (y+1)/2 */
-    LULL_READS_FINE    /* of twice the resolution: 2y, 2y+1 */
+    LULL_READS_FINE,   /* of twice the resolution: 2y, 2y+1 */
+    LULL_READS_CELL,   /* of 16 times the resolution: 16y .. 16y+15 */
+    LULL_READS_CELLS   /* of a 16th of it: one before the two nearest, they, and one after */
 } lull_reads;
 
 #define LULL_MAX_SOURCES 3
@@ -104,7 +109,7 @@ unsigned lull_graph_max(const lull_graph *graph, unsigned tensor);
  * albedo; other rows interleave the channels. Planes of bytes may follow: one more for each. */
 int lull_graph_planes(const lull_graph *graph, unsigned tensor);
 
-/* 1 if the filter's last step, which not all models have, reads a tensor as its result. */
+/* 1 if the smoothing along the result, which not all models have, reads a tensor as its result. */
 int lull_graph_is_smoothed(const lull_graph *graph, unsigned tensor);
 
 /* 1 if the layer has weights. */

@@ -26,6 +26,10 @@ static unsigned rows_ready(lull_reads reads, unsigned rows, unsigned height, uns
     static const uint8_t below[] = {0, 1, 2, 4}; /* rows after y that are read */
     if (rows >= height)
         return all;
+    if (reads == LULL_READS_CELL)
+        return rows / LULL_CELL;
+    if (reads == LULL_READS_CELLS)
+        return rows > 1 ? LULL_CELL * (rows - 2) + LULL_CELL / 2 : 0;
     if (reads == LULL_READS_COARSE)
         return rows ? 2 * rows - 1 : 0;
     if (reads == LULL_READS_FINE)
@@ -36,7 +40,11 @@ static unsigned rows_ready(lull_reads reads, unsigned rows, unsigned height, uns
 /* The first row of a source that a layer still needs whose next row (before pooling) is `row`. */
 static unsigned rows_needed(lull_reads reads, unsigned row)
 {
-    static const uint8_t above[] = {0, 1, 2, 4, 1, 0};
+    static const uint8_t above[] = {0, 1, 2, 4, 1, 0, 0, 2};
+    if (reads == LULL_READS_CELL)
+        row = LULL_CELL * row;
+    if (reads == LULL_READS_CELLS)
+        row = (row + LULL_CELL / 2) / LULL_CELL;
     if (reads == LULL_READS_COARSE)
         row = (row + 1) / 2;
     if (reads == LULL_READS_FINE)
@@ -54,7 +62,8 @@ int lull_plan_has(const lull_plan *plan, unsigned tensor)
     if (tensor == LULL_TENSOR_ALBEDO)
         return !(~plan->frame.features & 3u);
     if (tensor == LULL_TENSOR_NORMAL &&
-        (graph->layer[graph->layers - 1].op != LULL_OP_BILATERAL || plan->frame.features < 5))
+        (lull_graph_find(graph, LULL_OP_BILATERAL, 0) == LULL_TENSOR_NONE ||
+         plan->frame.features < 5))
         return 0;
     return (int)plan->keeps_rows;
 }
@@ -354,12 +363,12 @@ static size_t layout_rings(lull_plan *plan, size_t *total)
 static void layout(lull_plan *plan)
 {
     const lull_graph *graph = &plan->model->graph;
-    size_t total = lull_align_up(sizeof *plan, LULL_ALIGN), saved = 0;
+    size_t total = lull_align_up(sizeof *plan, LULL_ALIGN), saved = 0, longest, bins;
     plan->strips = plan->width ? (plan->width + plan->strip_width - 1) / plan->strip_width : 0;
     plan->row_width = lull_min_u(plan->strip_width + 2 * graph->margin, plan->width);
     play(plan);
-    plan->zero_row = layout_rings(plan, &total);
-    plan->zero_row = lull_append(&total, plan->zero_row);
+    longest = layout_rings(plan, &total);
+    plan->zero_row = (uint32_t)(lull_append(&total, longest) / LULL_ALIGN);
     plan->scratch_bytes = LULL_BLOCK * 9 * sizeof(float);
     for (unsigned l = 0; l < graph->layers; l++) {
         size_t bytes = 0;
@@ -376,9 +385,9 @@ static void layout(lull_plan *plan)
     }
     plan->scratch_bytes = lull_align_up(plan->scratch_bytes, LULL_ALIGN);
     plan->scratch = lull_append(&total, plan->scratch_bytes * plan->threads);
-    plan->exposure =
-        lull_append(&total, lull_exposure_rows(plan->frame.height) * sizeof(lull_exposure_row));
-    plan->saved_width = plan->frame.in_place && plan->strips > 1 ? graph->margin : 0;
+    bins = lull_exposure_rows(plan->frame.height) * sizeof(lull_exposure_row);
+    plan->exposure = (uint32_t)(lull_append(&total, bins) / LULL_ALIGN);
+    plan->saved_width = (uint16_t)(plan->frame.in_place && plan->strips > 1 ? graph->margin : 0);
     for (unsigned i = 0; i < LULL_LOADED; i++)
         if (lull_plan_has(plan, lull_loaded[i]))
             saved += lull_plan_pixel(plan, lull_loaded[i]);

@@ -56,18 +56,18 @@ struct lull_plan {
     unsigned strips;
     unsigned row_width; /* columns held: the strip and its overlaps */
     unsigned delay_rows;
-    size_t zero_row;               /* offset of zeros as long as any row */
+    uint32_t zero_row;             /* offset of zeros as long as any row, and ... */
+    uint32_t exposure;             /* ... of rows of auto-exposure bins, in units of LULL_ALIGN */
     size_t scratch, scratch_bytes; /* per worker: LULL_BLOCK pixels of images, then, from
                                     * LULL_SCRATCH_LOCAL on, a part of a tensor without rows; or
                                     * what convolutions need */
-    size_t exposure;               /* rows of auto-exposure bins */
     size_t saved; /* columns that an in-place run would overwrite before the next strip reads them
                    */
-    unsigned saved_width;
-    unsigned keeps_rows; /* family K: radiance, albedo and normals are kept from the input on; else
+    uint16_t saved_width;
+    uint16_t keeps_rows; /* family K: radiance, albedo and normals are kept from the input on; else
                           * images are read again */
     /* State of a run: rows made of every tensor, and stored of the output. */
-    unsigned strip, stored;
+    unsigned stored;
     float scale;
     unsigned done[LULL_TENSORS];
     lull_ring ring[LULL_TENSORS];

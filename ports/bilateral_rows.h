@@ -1,5 +1,6 @@
-/* Step 6 of family K's filter, LANES pixels at a time: products and sums are rounded one by one, in
- * the order of the definition (bilateral.h). After filter_rows.h, whose operations it uses, and
+/* Steps 6 and 7 of family K's filter, LANES pixels at a time: products and sums are rounded one by
+ * one, in the order of the definition (bilateral.h). After filter_rows.h, whose operations it
+ * uses, and
  *
  *   bytes(p, n)                     n bytes at p as floats
  *   put_bytes(p, q, n)              the lowest bytes of the first n lanes of q
@@ -50,6 +51,33 @@ void NAME(noise)(uint8_t *noise, const lull_surface *at, const lull_encoding *fr
                  const float *smooth, size_t smooth_plane, unsigned pixels){
 #define BLOCK(n) noise_block(noise, at, from, smooth, smooth_plane, p, n)
     FOR_BLOCKS(pixels)
+#undef BLOCK
+}
+
+LULL_INLINE void residual_block(const lull_balance *at, const lull_encoding *from, size_t p,
+                                unsigned n)
+{
+    float *sums = at->sums + p;
+    vec w = low(mul(bytes(at->noise + p, n), set(LULL_NOISE_SHARE)), set(1.0f));
+    vec r, g, b, v, level, q;
+    split(from->radiance + 3 * p, n, &r, &g, &b);
+    r = add(add(sane_radiance(r, from), sane_radiance(g, from)), sane_radiance(b, from));
+    v = mul(plane_at(at->v, at->v_plane, 0, p, n), plane_at(at->smooth, at->smooth_plane, 0, p, n));
+    g = mul(plane_at(at->v, at->v_plane, 1, p, n), plane_at(at->smooth, at->smooth_plane, 1, p, n));
+    b = mul(plane_at(at->v, at->v_plane, 2, p, n), plane_at(at->smooth, at->smooth_plane, 2, p, n));
+    v = add(add(v, g), b);
+    level = add(v, set(LULL_BALANCE_EPSILON));
+    q = low(quotient(sub(r, v), level), set(LULL_MOST_LACKING));
+    store_n(sums, add(load_n(sums, n), q), n);
+    sums += at->sum_plane;
+    store_n(sums, add(load_n(sums, n), mul(q, q)), n);
+    sums += at->sum_plane;
+    store_n(sums, add(load_n(sums, n), mul(quotient(v, level), w)), n);
+}
+
+void NAME(residual)(const lull_balance *at, const lull_encoding *from){
+#define BLOCK(n) residual_block(at, from, p, n)
+    FOR_BLOCKS(at->pixels)
 #undef BLOCK
 }
 

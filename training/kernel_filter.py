@@ -8,8 +8,9 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from export.kernel import (ALBEDO_CODES, NOISE_GAIN, OFFSETS, RESULT_GAIN, SURFACE_GAIN, WIDTH_MAX,
-                           WIDTH_MIN, WIDTH_PER_CODE)
+from export.smooth import (ALBEDO_CODES, BALANCE_EPS, CELL, MOST_GAIN, MOST_LACKING, NOISE_GAIN,
+                           NOISE_SHARE, OFFSETS, RESULT_GAIN, SURFACE_GAIN, WIDTH_MAX, WIDTH_MIN,
+                           WIDTH_PER_CODE)
 from training import fused
 
 SIDE, RADIUS, TAPS = 5, 2, 25
@@ -142,14 +143,18 @@ def divisor(logits: Tensor, albedo: Tensor, has_albedo: Tensor) -> Tensor:
 
 
 def smooth_result(out: Tensor, head: Tensor, radiance: Tensor, albedo: Tensor, has_albedo: Tensor,
-                  normal_codes: Tensor) -> Tensor:
-    """The result `out` of apply_filter after smoothing along it, [N,3,H,W].
+                  normal_codes: Tensor, clipped: Tensor) -> Tensor:
+    """The result `out` of apply_filter after the last steps, [N,3,H,W].
 
-    head: that of full resolution; normal_codes: whole numbers of 0..255, [N,3,H,W].
+    head: that of full resolution; normal_codes: whole numbers of 0..255, [N,3,H,W]; clipped: 1
+    where the radiance was and lacks light itself, else 0, [N,1,H,W].
     """
     logits = split_codes(head.to(radiance.dtype), FULL_PARTS)[3]
     s = divisor(logits, albedo, has_albedo)
-    return smoothed(out / s, s, radiance.clamp(0.0, RADIANCE_MAX) / s, normal_codes) * s
+    radiance = radiance.clamp(0.0, RADIANCE_MAX)
+    noise = noise_codes(out / s, radiance / s)
+    v = smoothed(out / s, s, noise, normal_codes)
+    return torch.where(clipped > 0, v, corrected(v, s, noise, radiance)) * s
 
 
 def moved(v: Tensor, offset: tuple[int, int]) -> Tensor:
@@ -159,20 +164,26 @@ def moved(v: Tensor, offset: tuple[int, int]) -> Tensor:
     return v[..., y[:, None], x]
 
 
-def smoothed(out: Tensor, smooth: Tensor, first: Tensor, normal_codes: Tensor) -> Tensor:
-    """export.kernel.smoothed of tensors [N,3,H,W]."""
-    def summed(v: Tensor) -> Tensor:
-        return (v[:, :1] + v[:, 1:2]) + v[:, 2:]
+def summed(v: Tensor) -> Tensor:
+    return (v[:, :1] + v[:, 1:2]) + v[:, 2:]
 
-    def codes(v: Tensor) -> Tensor:
-        return torch.floor(v + 0.5).clamp(max=255.0)
 
-    level = out + EPS
-    noise = codes(float(NOISE_GAIN) * summed((first - out).abs() / level))
+def codes_of(v: Tensor) -> Tensor:
+    return torch.floor(v + 0.5).clamp(max=255.0)
+
+
+def noise_codes(out: Tensor, first: Tensor) -> Tensor:
+    """export.smooth.noise_codes of tensors [N,3,H,W]."""
+    return codes_of(float(NOISE_GAIN) * summed((first - out).abs() / (out + EPS)))
+
+
+def smoothed(out: Tensor, smooth: Tensor, noise: Tensor, normal_codes: Tensor) -> Tensor:
+    """export.smooth.smoothed of tensors [N,3,H,W]."""
     width = sum(moved(noise, (k, 0)) for k in (-1, 0, 1)) * float(WIDTH_PER_CODE)
-    gain = (float(RESULT_GAIN) / width.clamp(float(WIDTH_MIN), float(WIDTH_MAX))) / level
-    surface = torch.cat((codes(float(ALBEDO_CODES) * smooth), normal_codes), 1)
-    weights, total = torch.ones_like(level[:, :1]), torch.zeros_like(out)
+    width = width.clamp(float(WIDTH_MIN), float(WIDTH_MAX))
+    gain = (float(RESULT_GAIN) / width) / (out + EPS)
+    surface = torch.cat((codes_of(float(ALBEDO_CODES) * smooth), normal_codes), 1)
+    weights, total = torch.ones_like(out[:, :1]), torch.zeros_like(out)
     for k in OFFSETS:
         change = moved(out, k) - out
         apart = (moved(surface, k) - surface).square().sum(1, keepdim=True)
@@ -181,6 +192,23 @@ def smoothed(out: Tensor, smooth: Tensor, first: Tensor, normal_codes: Tensor) -
         weights = weights + w
         total = total + w * change
     return out + total / weights
+
+
+def corrected(out: Tensor, smooth: Tensor, noise: Tensor, radiance: Tensor) -> Tensor:
+    """export.smooth.corrected of tensors [N,3,H,W], sums in PyTorch's order."""
+    v = summed(out * smooth)
+    level = v + float(BALANCE_EPS)
+    q = ((summed(radiance) - v) / level).clamp(max=float(MOST_LACKING))
+    share = (noise * float(NOISE_SHARE)).clamp(max=1.0)
+    sums = torch.cat((q, q.square(), v / level * share), 1)
+    h, w = out.shape[-2:]
+    sums = F.avg_pool2d(F.pad(sums, (0, -w % CELL, 0, -h % CELL)), CELL)
+    sums = F.avg_pool2d(sums, (3, 5), stride=1, padding=(1, 2)) * (15 * CELL**2)
+    q, squares, base = sums.split(1, 1)
+    gain = (1.0 - squares / (q.square() + 1e-6)).clamp(min=0.0) * q / (base + 32.0)
+    gain = gain.clamp(-float(MOST_GAIN), float(MOST_GAIN))
+    gain = F.interpolate(gain, scale_factor=CELL, mode="bilinear", align_corners=False)
+    return out + out * (gain[..., :h, :w] * share)
 
 
 def split_codes(q: Tensor, counts: list[int], whole: bool = True) -> tuple[Tensor, ...]:

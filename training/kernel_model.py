@@ -63,7 +63,8 @@ def run(trunk: Callable[[Tensor], list[Tensor]], transfer: str, x: Tensor,
     images = radiance, x[:, 3:6], x[:, 9:10]
     out = apply_filter(heads, *images)
     if smooth:
-        out = smooth_result(out, heads[0], *images, (codes[:, 6:9].to(x.dtype) * 255.0).round())
+        normal = (codes[:, 6:9].to(x.dtype) * 255.0).round()
+        out = smooth_result(out, heads[0], *images, normal, x[:, 11:12])
     return to_codes(transfer, out, LOWEST, color.HDR_MAX)
 
 

@@ -18,6 +18,7 @@ void lull_port_neon(lull_kernels *kernels)
     kernels->blend = lull_blend_neon;
     kernels->noise = lull_noise_neon;
     kernels->bilateral = lull_bilateral_neon;
+    kernels->residual = lull_residual_neon;
     kernels->modulate = lull_modulate_neon;
     kernels->luminance = lull_luminance_neon;
 #endif

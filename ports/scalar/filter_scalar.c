@@ -131,6 +131,24 @@ void lull_noise_scalar(uint8_t *noise, const lull_surface *at, const lull_encodi
     }
 }
 
+void lull_residual_scalar(const lull_balance *b, const lull_encoding *from)
+{
+    for (size_t i = 0; i < b->pixels; i++) {
+        float p[3], r[3], level, q, w = b->noise[i] * LULL_NOISE_SHARE;
+        for (size_t c = 0; c < 3; c++) {
+            p[c] = b->v[c * b->v_plane + i] * b->smooth[c * b->smooth_plane + i];
+            r[c] = radiance_at(from, 3 * i + c);
+        }
+        p[0] = (p[0] + p[1]) + p[2];
+        level = p[0] + LULL_BALANCE_EPSILON;
+        q = (((r[0] + r[1]) + r[2]) - p[0]) / level;
+        q = q < LULL_MOST_LACKING ? q : LULL_MOST_LACKING;
+        b->sums[i] += q;
+        b->sums[b->sum_plane + i] += q * q;
+        b->sums[2 * b->sum_plane + i] += p[0] / level * (w < 1.0f ? w : 1.0f);
+    }
+}
+
 /* The weight of pixel j of `other` for pixel i of `row`, g being what differences of its channels
  * count. Those go to `change`. */
 static float weight_of(const lull_surface *row, ptrdiff_t i, const lull_surface *other, ptrdiff_t j,

@@ -25,6 +25,7 @@ void lull_port_avx2(lull_kernels *kernels)
     kernels->blend = lull_blend_avx2;
     kernels->noise = lull_noise_avx2;
     kernels->bilateral = lull_bilateral_avx2;
+    kernels->residual = lull_residual_avx2;
     kernels->modulate = lull_modulate_avx2;
     kernels->luminance = lull_luminance_avx2;
 #if !LULL_EMULATE

@@ -26,6 +26,7 @@ void lull_port_avx512(lull_kernels *kernels)
     kernels->blend = lull_blend_avx512;
     kernels->noise = lull_noise_avx512;
     kernels->bilateral = lull_bilateral_avx512;
+    kernels->residual = lull_residual_avx512;
     kernels->modulate = lull_modulate_avx512;
     kernels->luminance = lull_luminance_avx512;
 #endif

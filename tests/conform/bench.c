@@ -391,6 +391,14 @@ static void run_bilateral(const lull_kernels *k)
     k->bilateral(&s);
 }
 
+static void run_residual(const lull_kernels *k)
+{
+    lull_encoding from = {floats, NULL, NULL, 1.0f, 65504.0f, 0};
+    lull_balance b = {floats + 256 * PIXELS, floats + 64 * PIXELS, floats + 128 * PIXELS, bytes,
+                      PLANE, PLANE, PLANE, PIXELS};
+    k->residual(&b, &from);
+}
+
 static void run_spread(const lull_kernels *k)
 {
     k->spread(floats, PLANE, floats + 64 * PIXELS, PIXELS);
@@ -459,6 +467,7 @@ static unsigned bench_pixels(const char *port, const lull_kernels *kernels,
     BENCH(spread, "3 channels")
     BENCH(noise, "7 codes")
     BENCH(bilateral, "10 pixels")
+    BENCH(residual, "3 sums")
     BENCH(modulate, "3 channels")
     BENCH(luminance, "3 channels")
     BENCH(curve_in, "3 channels")

@@ -1,4 +1,4 @@
-/* Part of conform.c: the slots of the filter's last step. The scalar port is the definition
+/* Part of conform.c: the slots of the filter's last steps. The scalar port is the definition
  * (docs/kernel-prediction.md; tests/golden has its values). */
 #ifndef LULL_TESTS_BILATERAL_CASES_H
 #define LULL_TESTS_BILATERAL_CASES_H
@@ -93,6 +93,41 @@ static void bilateral_cases(void)
         bilateral_case(pixels, 0.05f);
         bilateral_case(pixels, 1.0f);
     }
+}
+
+static void residual_case(unsigned pixels)
+{
+    int at_end = guard_below(2) != 0;
+    size_t plane = pixels + GAP, floats = 2 * plane + pixels, sum_plane, bytes;
+    float *radiance = make_floats(GUARD_ROW, 3 * pixels, 0.0f, 700.0f, at_end);
+    float *v = make_floats(GUARD_ROW + 1, floats, 0.0f, 99.0f, at_end);
+    float *smooth = make_floats(GUARD_ROW + 2, floats, 0.02f, 1.02f, at_end);
+    uint8_t *noise = guard_place(GUARD_WEIGHTS, pixels, at_end);
+    float *sums = place_planes(3, pixels, &sum_plane, &bytes, at_end);
+    lull_encoding from = {radiance, NULL, NULL, 3.5f, 65504.0f, 0};
+    lull_balance b = {sums, v, smooth, noise, sum_plane, plane, plane, pixels};
+    spoil(radiance, 3 * (size_t)pixels);
+    for (unsigned i = 0; i < pixels; i++)
+        noise[i] = (uint8_t)guard_below(guard_below(2) ? 24 : 256);
+    for (unsigned run = 0; run < 2; run++) {
+        for (size_t i = 0; i < bytes / sizeof *sums; i++)
+            sums[i] = (float)i;
+        if (run)
+            now.port->residual(&b, &from);
+        else
+            now.scalar.residual(&b, &from);
+        if (!run)
+            memcpy(expected, sums, bytes);
+    }
+    same_bytes(sums, bytes, "residual", pixels);
+    for (size_t i = 0; i < pixels; i++)
+        CHECK(sums[i] - (float)i <= LULL_MOST_LACKING * 1.001f);
+}
+
+static void residual_cases(void)
+{
+    for (unsigned pixels = 1; pixels <= 64; pixels++)
+        residual_case(pixels);
 }
 
 #endif

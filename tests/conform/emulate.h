@@ -48,6 +48,7 @@
 #define lull_blend_avx2 emulated_blend_avx2
 #define lull_noise_avx2 emulated_noise_avx2
 #define lull_bilateral_avx2 emulated_bilateral_avx2
+#define lull_residual_avx2 emulated_residual_avx2
 #define lull_modulate_avx2 emulated_modulate_avx2
 #define lull_luminance_avx2 emulated_luminance_avx2
 #define lull_conv_f32_avx512 emulated_conv_f32_avx512

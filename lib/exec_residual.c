@@ -1,0 +1,147 @@
+/* The last step of family K's filter: what the result lacks, by cells of pixels (bilateral.h). */
+#include "exec.h"
+
+/* The sum of 16 columns. */
+static float sum_columns(float *v)
+{
+    for (unsigned half = LULL_CELL / 2; half; half /= 2)
+        for (unsigned i = 0; i < half; i++)
+            v[i] += v[i + half];
+    return v[0];
+}
+
+/* Sums of the cells that begin at columns [x, end) of the image's rows from y on, at most
+ * LULL_BLOCK columns, as columns. */
+static void add_rows(float *sums, const lull_task *t, unsigned x, unsigned end, unsigned y,
+                     float *block)
+{
+    const lull_plan *plan = t->plan;
+    unsigned tensor = plan->model->graph.layer[t->layer].source[0];
+    unsigned smooth = lull_graph_find(&plan->model->graph, LULL_OP_SMOOTH, 0);
+    unsigned bottom = lull_min_u(y + LULL_CELL, plan->frame.height);
+    lull_encoding from = {0};
+    lull_balance b;
+    b.sums = sums;
+    b.sum_plane = LULL_BLOCK;
+    b.v_plane = lull_exec_plane(plan, tensor);
+    b.smooth_plane = lull_exec_plane(plan, smooth);
+    b.pixels = end - x;
+    for (; y < bottom; y++) {
+        b.v = lull_exec_floats(plan, tensor, y, x);
+        b.smooth = lull_exec_floats(plan, smooth, y, x);
+        b.noise = lull_exec_codes(plan, tensor, y, x);
+        lull_exec_radiance(&from, t, block, t->left + x, y, b.pixels);
+        plan->model->kernels.residual(&b, &from);
+    }
+}
+
+void lull_exec_residual(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker)
+{
+    const lull_plan *plan = t->plan;
+    unsigned width = lull_exec_inside(t), left = LULL_CELL * x;
+    unsigned end = lull_min_u(left + LULL_CELL * n, width);
+    float *block = lull_exec_scratch(t, worker), *sums = block + 3 * LULL_BLOCK;
+    float *out = lull_exec_floats(plan, t->layer + 1, y, x);
+    size_t plane = lull_exec_plane(plan, t->layer + 1);
+    for (unsigned c = 0; c < LULL_CELL_SUMS; c++)
+        memset(out + c * plane, 0, n * sizeof *out);
+    if (!lull_exec_content(&plan->frame).is_hdr) /* clipped input lacks light itself */
+        return;
+    for (; left < end; left += LULL_BLOCK) {
+        memset(sums, 0, LULL_CELL_SUMS * LULL_BLOCK * sizeof *sums);
+        add_rows(sums, t, left, lull_min_u(left + LULL_BLOCK, end), LULL_CELL * y, block);
+        for (unsigned i = 0; i < LULL_BLOCK && left + i < end; i += LULL_CELL, out++)
+            for (unsigned c = 0; c < LULL_CELL_SUMS; c++)
+                out[c * plane] = sum_columns(sums + c * LULL_BLOCK + i);
+    }
+}
+
+/* Of cell (x, y), three rows by five columns of cells around it. */
+static float gain_at(const float *const rows[3], size_t plane, int x)
+{
+    float sums[LULL_CELL_SUMS];
+    for (size_t c = 0; c < LULL_CELL_SUMS; c++) {
+        const float *a = rows[0] + c * plane, *b = rows[1] + c * plane, *d = rows[2] + c * plane;
+        sums[c] = (a[x - 2] + b[x - 2]) + d[x - 2];
+        for (int k = x - 1; k <= x + 2; k++)
+            sums[c] += (a[k] + b[k]) + d[k];
+    }
+    return lull_cell_gain(sums[0], sums[1], sums[2]);
+}
+
+/* The two rows of cells whose centres lie around a row of pixels, and where it lies between. */
+typedef struct cell_rows {
+    const float *rows[2][3]; /* sums of cells of the row above, of it, and of the one below */
+    size_t plane;
+    float part;
+} cell_rows;
+
+/* Of the cell at column x of those held, or the first one. */
+static float gain_of_column(const cell_rows *cells, int x)
+{
+    float above = gain_at(cells->rows[0], cells->plane, x < 0 ? 0 : x);
+    float below = gain_at(cells->rows[1], cells->plane, x < 0 ? 0 : x);
+    return above + cells->part * (below - above);
+}
+
+/* The cell before the centre between two cells at which pixel i lies, or the next one, of `count`
+ * that there are. */
+static int cell_near(unsigned i, unsigned next, unsigned count)
+{
+    int cell = (int)((i + LULL_CELL / 2) / LULL_CELL + next) - 1;
+    return cell < 0 ? 0 : cell >= (int)count ? (int)count - 1 : cell;
+}
+
+/* How far it lies on the way from one to the other. */
+static float cell_part(unsigned i)
+{
+    return ((float)((i + LULL_CELL / 2) % LULL_CELL) + 0.5f) * (1.0f / LULL_CELL);
+}
+
+/* n pixels between the centres of two cells whose gains are given. */
+static void correct(float *out, size_t out_plane, const float *v, size_t plane,
+                    const uint8_t *noise, const float gain[2], unsigned x, unsigned n)
+{
+    float first = cell_part(x), change = gain[1] - gain[0], g[LULL_CELL];
+    for (unsigned i = 0; i < n; i++) {
+        float w = noise[i] * LULL_NOISE_SHARE;
+        g[i] = (gain[0] + (first + (float)i * (1.0f / LULL_CELL)) * change) * (w < 1.0f ? w : 1.0f);
+    }
+    for (unsigned c = 0; c < 3; c++, out += out_plane, v += plane)
+        for (unsigned i = 0; i < n; i++)
+            out[i] = v[i] + v[i] * g[i];
+}
+
+void lull_exec_correct(const lull_task *t, unsigned x, unsigned y, unsigned n)
+{
+    const lull_plan *plan = t->plan;
+    const lull_layer *layer = &plan->model->graph.layer[t->layer];
+    unsigned tensor = layer->source[0], sums = layer->source[1], width = lull_exec_inside(t);
+    unsigned down = (plan->frame.height + LULL_CELL - 1) / LULL_CELL;
+    unsigned across = (t->left + width + LULL_CELL - 1) / LULL_CELL;
+    int before = (int)(t->left / LULL_CELL); /* cells */
+    size_t plane = lull_exec_plane(plan, tensor), out_plane = lull_exec_plane(plan, t->layer + 1);
+    unsigned end = y < plan->frame.height ? lull_min_u(x + n, width) : 0;
+    cell_rows cells;
+    float gain[2];
+    if (x >= end)
+        return;
+    cells.plane = lull_exec_plane(plan, sums);
+    cells.part = cell_part(y);
+    for (unsigned k = 0; k < 6; k++) {
+        int row = cell_near(y, k / 3, down) + (int)(k % 3) - 1;
+        cells.rows[k / 3][k % 3] = (const float *)(const void *)lull_exec_source(plan, sums, row);
+    }
+    gain[1] = gain_of_column(&cells, cell_near(t->left + x, 0, across) - before);
+    while (x < end) {
+        unsigned at = t->left + x;
+        unsigned count = LULL_CELL - (at + LULL_CELL / 2) % LULL_CELL;
+        count = lull_min_u(count, end - x);
+        gain[0] = gain[1];
+        gain[1] = gain_of_column(&cells, cell_near(at, 1, across) - before);
+        correct(lull_exec_floats(plan, t->layer + 1, y, x), out_plane,
+                lull_exec_floats(plan, tensor, y, x), plane, lull_exec_codes(plan, tensor, y, x),
+                gain, at, count);
+        x += count;
+    }
+}

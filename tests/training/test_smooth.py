@@ -1,0 +1,181 @@
+"""The last steps of family K's filter: smoothing along the result, and what it lacks."""
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from export import smooth as last
+from tests.training.test_kernel import picture, tensor
+from training import kernel_filter
+
+
+def smoothed(out: np.ndarray, smooth: np.ndarray, first: np.ndarray,
+             normal: np.ndarray) -> np.ndarray:
+    return last.smoothed(out, smooth, last.noise_codes(out, first), normal)
+
+
+def noisy(height: int, width: int) -> list[np.ndarray]:
+    """Result, divisor and input of the smoothing, and normal codes: two surfaces with noise left in
+    the result, of 3 %, and much more in the input."""
+    rng = np.random.default_rng(5)
+    right = (np.arange(width) >= width // 2)[None, :, None]
+    level = np.where(right, [0.2, 0.5, 3], [1, 0.1, 0])
+    out = level * (1 + 0.03 * rng.normal(size=(height, width, 3)))
+    first = out * np.exp(0.2 * rng.normal(size=out.shape))
+    smooth = np.clip(0.5 + 0.2 * right + 0.01 * rng.normal(size=out.shape), 0.02, 1.02)
+    normal = rng.integers(120, 136, out.shape) - 30 * right
+    return [*(v.astype(np.float32) for v in (out, smooth, first)), normal.astype(np.uint8)]
+
+
+@pytest.mark.parametrize("height, width", [(32, 48), (5, 3), (1, 1), (17, 9)])
+def test_smoothing_of_torch_equals_the_reference(height, width):
+    images = noisy(height, width)
+    expected = smoothed(*images)
+    out, smooth, first, normal = (tensor(v.astype(np.float32)) for v in images)
+    noise = kernel_filter.noise_codes(out, first)
+    got = picture(kernel_filter.smoothed(out, smooth, noise, normal))
+    np.testing.assert_allclose(got, expected, rtol=1e-5)
+    assert expected.dtype == np.float32
+    if width > 40:
+        left = np.s_[:, :width // 2, 0]
+        assert expected[left].std() < 0.5 * images[0][left].std()
+
+
+def test_smoothing_is_its_definition():
+    """Pixel by pixel in double precision, of few pixels: most of the ten lie outside."""
+    images = noisy(7, 18)
+    out, smooth, first, normal = (v.astype(float) for v in images)
+    level = out + 0.02
+    codes = np.minimum(np.floor(128 * (np.abs(first - out) / level).sum(-1) + 0.5), 255)
+    albedo = np.floor(240 * images[1] + np.float32(0.5))  # in float32, as it is near its steps
+    expected = np.empty_like(out)
+    for y, x in np.ndindex(7, 18):
+        v = sum(codes[y, min(max(x + k, 0), 17)] for k in (-1, 0, 1)) / 576
+        gain = 0.5 / min(max(v, 0.001), 0.4) / level[y, x]
+        weights, total = 1.0, np.zeros(3)
+        for dx, dy in last.OFFSETS:
+            q = min(max(y + dy, 0), 6), min(max(x + dx, 0), 17)
+            change, a, n = (i[q] - i[y, x] for i in (out, albedo, normal))
+            t = ((change * gain)**2).sum() + 0.000384 * ((a**2).sum() + (n**2).sum())
+            weights += max(1 - t, 0)**2
+            total += max(1 - t, 0)**2 * change
+        expected[y, x] = out[y, x] + total / weights
+    np.testing.assert_allclose(smoothed(*images), expected, rtol=1e-5)
+
+
+def test_smoothing_leaves_what_is_even_or_clean():
+    out, smooth, first, normal = noisy(16, 40)
+    even = np.full_like(out, 0.37)
+    assert np.array_equal(smoothed(even, smooth, first, normal), even)
+    changed = smoothed(out, smooth, first, normal)
+    assert not np.array_equal(changed, out)
+    assert (changed >= out.min((0, 1)) * (1 - 1e-6)).all()
+    assert (changed <= out.max((0, 1)) * (1 + 1e-6)).all()
+    ramp = np.broadcast_to(np.linspace(0.5, 1.5, 64, dtype=np.float32)[None, :, None], (16, 64, 3))
+    flat = np.full_like(ramp, 0.5), ramp, np.full(ramp.shape, 128, np.uint8)
+    np.testing.assert_allclose(smoothed(ramp, *flat), ramp, rtol=1e-3)
+
+
+@pytest.mark.parametrize("edge", ["albedo", "normal"])
+def test_smoothing_stops_at_edges(edge):
+    """A step of 8 % in the result, which the noise would hide, stays where the features have one;
+    without it the sides mix."""
+    right = np.broadcast_to(np.arange(32)[None, :, None] >= 16, (16, 32, 3))
+    out = np.where(right, np.float32(1.08), np.float32(1))
+    smooth, normal = np.full_like(out, 0.5), np.full(out.shape, 128, np.uint8)
+    first = out * np.float32(1.3)
+    mixed = smoothed(out, smooth, first, normal)
+    assert (mixed[:, 15] > out[:, 15]).all() and (mixed[:, 16] < out[:, 16]).all()
+    smooth[right] += 0.2 * (edge == "albedo")
+    normal[right] += 30 * (edge == "normal")
+    assert np.array_equal(smoothed(out, smooth, first, normal), out)
+
+
+def lacking(height: int, width: int, share: float, noise: float = 1.0) -> list[np.ndarray]:
+    """Result, divisor and exposed radiance of a picture whose result has `share` of the light, and
+    whose samples are either found or not."""
+    rng = np.random.default_rng(6)
+    light = np.linspace(0.5, 2, width)[None, :, None] * np.array([1, 0.7, 0.4])
+    light = np.broadcast_to(light, (height, width, 3))
+    smooth = np.broadcast_to(np.array([0.8, 0.5, 0.3]), light.shape)
+    found = (rng.random((height, width, 1)) < 0.25) * 4.0
+    radiance = light * smooth * (1 + noise * (found - 1))
+    return [v.astype(np.float32) for v in (share * light, smooth, radiance)]
+
+
+def corrected(out: np.ndarray, smooth: np.ndarray, radiance: np.ndarray) -> np.ndarray:
+    noise = last.noise_codes(out, radiance / smooth)
+    return last.corrected(out, smooth, noise, radiance)
+
+
+@pytest.mark.parametrize("share", [0.7, 0.9, 1.2])
+def test_light_that_is_missing_comes_back(share):
+    out, smooth, radiance = lacking(160, 200, share)
+    error = corrected(out, smooth, radiance) / (out / np.float32(share)) - 1
+    assert np.abs(error).mean() < 0.5 * abs(share - 1)
+    assert abs(error.mean()) < 0.3 * abs(share - 1)
+
+
+def test_chance_changes_little():
+    out, smooth, radiance = lacking(160, 200, 1.0)
+    change = corrected(out, smooth, radiance) / out - 1
+    assert 0 < np.abs(change).max() < 0.12 and np.abs(change).mean() < 0.02
+
+
+@pytest.mark.parametrize("sparks, most", [(1, 0), (2, 0.1), (3, 0.2)])
+def test_single_sparks_are_chance(sparks, most):
+    """However bright: a filter that left them out was right."""
+    out, smooth, _ = lacking(160, 200, 1.0)
+    radiance = out * smooth
+    radiance[80, 100:100 + sparks] = 60000
+    noise = np.full((*out.shape[:2], 1), 255, np.uint8)
+    change = last.corrected(out, smooth, noise, radiance) / out - 1
+    assert 0 <= change.min() and change.max() <= most + 1e-6
+
+
+def test_pixels_without_noise_stay():
+    out, smooth, radiance = lacking(64, 80, 0.8)
+    even = np.s_[:, 30:50]
+    radiance[even] = out[even] * smooth[even]
+    got = corrected(out, smooth, radiance)
+    assert np.array_equal(got[even], out[even])
+    assert (got[:, :20] > out[:, :20]).all()
+
+
+def test_nothing_to_correct_is_the_same_to_the_bit():
+    out, smooth, _ = lacking(33, 47, 1.0)
+    assert np.array_equal(corrected(out, smooth, out * smooth), out)
+
+
+@pytest.mark.parametrize("height, width", [(48, 80), (5, 3), (1, 1), (33, 130)])
+def test_correction_of_torch_equals_the_reference(height, width):
+    images = lacking(height, width, 0.8)
+    out, smooth, radiance = (tensor(v) for v in images)
+    noise = kernel_filter.noise_codes(out, radiance / smooth)
+    got = picture(kernel_filter.corrected(out, smooth, noise, radiance))
+    np.testing.assert_allclose(got, corrected(*images), rtol=2e-5)
+
+
+def test_correction_is_its_definition():
+    """Cell by cell in double precision."""
+    out, smooth, radiance = lacking(40, 90, 0.8)
+    noise = last.noise_codes(out, radiance / smooth)[..., 0].astype(float)
+    v = (out.astype(float) * smooth).sum(-1)
+    q, share = (radiance.sum(-1) - v) / (v + 0.15), np.minimum(noise / 20, 1)
+    cells = np.zeros((3, 3 + 2, 6 + 4))
+    for y, x in np.ndindex(v.shape):
+        cells[:, y // 16 + 1, x // 16 + 2] += (q[y, x], q[y, x]**2,
+                                               v[y, x] / (v[y, x] + 0.15) * share[y, x])
+    gain = np.empty((3, 6))
+    for j, i in np.ndindex(3, 6):
+        a, b, c = cells[:, j:j + 3, i:i + 5].sum((1, 2))
+        gain[j, i] = min(max(max(1 - b / (a * a + 1e-6), 0) * a / (c + 32), -0.5), 0.5)
+    expected = np.empty(out.shape)
+    for y, x in np.ndindex(v.shape):
+        fy, fx = (y + 8.5) / 16, (x + 8.5) / 16
+        rows = [min(max(int(fy) + k, 0), 2) for k in (-1, 0)]
+        columns = [min(max(int(fx) + k, 0), 5) for k in (-1, 0)]
+        a, b = ((1 - fx % 1) * gain[j, columns[0]] + fx % 1 * gain[j, columns[1]] for j in rows)
+        expected[y, x] = out[y, x] * (1 + ((1 - fy % 1) * a + fy % 1 * b) * share[y, x])
+    np.testing.assert_allclose(last.corrected(out, smooth, noise[..., None], radiance), expected,
+                               rtol=1e-5)
