@@ -1,7 +1,9 @@
 #!/usr/bin/env python3
-"""Let a model of family K smooth along its result, or no longer: python -m export.bilateral IN OUT
+"""Let a model of family K smooth along its result and give back what that lacks, or no longer:
 
-What the filter's step 6 does (docs/kernel-prediction.md) has no trained weights: a file asks for it
+    python -m export.bilateral IN.tza OUT.tza
+
+The filter's steps 6 and 7 (docs/kernel-prediction.md) have no trained weights: a file asks for them
 by the tensor `bilateral.scale`, a single 1. IN and OUT: .tza, integer; they may be the same.
 """
 from __future__ import annotations
