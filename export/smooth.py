@@ -18,6 +18,8 @@ CELL = 16                        # pixels a side of what is balanced
 BALANCE_EPS = F(0.15)            # three channels of 0.05
 NOISE_SHARE = F(0.05)            # of a correction, per noise code
 MOST_LACKING, MOST_GAIN = F(200), F(0.5)
+SPARK = F(2)
+SPARKS_LEAST, SPARKS_SQUARED = F(20), F(0.3)
 
 
 def to_code(v: np.ndarray) -> np.ndarray:
@@ -83,14 +85,15 @@ def cell_sums(v: np.ndarray) -> np.ndarray:
 
 
 def cell_gains(sums: np.ndarray) -> np.ndarray:
-    """What the result lacks, relative to it, from cell_sums of q, q q and what may be corrected.
-    [3,H,W] -> [H,W]."""
+    """What the result lacks, relative to it, from cell_sums of q, q q, what may be corrected, and
+    sparks. [4,H,W] -> [H,W]."""
     v = np.pad(sums, ((0, 0), (1, 1), (2, 2)))
     v = (v[:, :-2] + v[:, 1:-1]) + v[:, 2:]
     n = v.shape[2] - 4
-    q, squares, base = (((v[..., :n] + v[..., 1:n + 1]) + v[..., 2:n + 2]) + v[..., 3:n + 3]
+    q, squares, base, lit = (((v[..., :n] + v[..., 1:n + 1]) + v[..., 2:n + 2]) + v[..., 3:n + 3]
                         ) + v[..., 4:]
     share = np.maximum(F(1) - squares / (q * q + F(1e-6)), F(0))
+    q = np.minimum(q, SPARKS_LEAST + SPARKS_SQUARED * lit * lit)
     return np.clip(share * q / (base + F(32)), -MOST_GAIN, MOST_GAIN)
 
 
@@ -104,7 +107,8 @@ def corrected(out: np.ndarray, smooth: np.ndarray, noise: np.ndarray,
     level = v + BALANCE_EPS
     q = np.minimum((_summed(radiance)[..., 0] - v) / level, MOST_LACKING)
     share = np.minimum(noise[..., 0].astype(F) * NOISE_SHARE, F(1))
-    gain = cell_gains(cell_sums(np.stack((q, q * q, v / level * share))))
+    lit = np.clip(q - SPARK, F(0), F(1))
+    gain = cell_gains(cell_sums(np.stack((q, q * q, v / level * share, lit))))
     for axis in (0, 1):
         at = np.arange(out.shape[axis]) + CELL // 2
         near, far = (np.clip(at // CELL + k, 0, gain.shape[axis] - 1) for k in (-1, 0))

@@ -10,10 +10,11 @@
  * bilateral: the smoothed result of pixels all of whose columns, up to LULL_BILATERAL_REACH to
  *     either side, are there (of the noise one to either side).
  *
- * residual: adds what n pixels make of their cell's balance to 3 planes of sums. With V = (v(r)
+ * residual: adds what n pixels make of their cell's balance to planes of sums. With V = (v(r)
  *     smooth(r) + v(g) smooth(g)) + v(b) smooth(b), R = (R(r) + R(g)) + R(b), L = V +
- *     LULL_BALANCE_EPSILON and q = min((R - V) / L, LULL_MOST_LACKING): q, q q, and (V / L) w,
- *     where w = min(noise code * LULL_NOISE_SHARE, 1).
+ *     LULL_BALANCE_EPSILON and q = min((R - V) / L, LULL_MOST_LACKING): q, q q, (V / L) w, where
+ *     w = min(noise code * LULL_NOISE_SHARE, 1), and min(max(q - LULL_SPARK, 0), 1), a count of
+ *     sparks; 4 planes.
  */
 #ifndef LULL_BILATERAL_H
 #define LULL_BILATERAL_H
@@ -31,10 +32,11 @@
 
 #define LULL_CELL 16u              /* pixels, in either direction */
 #define LULL_CELL_LEVEL 4u         /* log2 of it */
-#define LULL_CELL_SUMS 3u          /* of a cell: of q, q q, and what may be corrected */
+#define LULL_CELL_SUMS 4u          /* of a cell: q, q q, what may be corrected, sparks */
 #define LULL_BALANCE_EPSILON 0.15f /* three times 0.05 */
 #define LULL_NOISE_SHARE 0.05f     /* of a correction, per noise code */
 #define LULL_MOST_LACKING 200.0f   /* of one pixel: single sparks are chance */
+#define LULL_SPARK 2.0f
 #define LULL_MOST_GAIN 0.5f
 #define LULL_GAIN_REACH 64u /* columns to either side on which a correction depends */
 
@@ -66,11 +68,13 @@ typedef struct lull_balance {
 
 /* The correction of a cell from the sums of it and those around it: of the sum of q the share that
  * is not chance, 1 - (sum of q q) / (sum of q)^2, which is 0 for one pixel and 1 - 1/n for n alike,
- * spread over what may be corrected. */
-LULL_INLINE float lull_cell_gain(float q, float squares, float base)
+ * spread over what may be corrected. Few sparks are not light but fireflies: of n of them no more
+ * counts than 20 + 0.3 n^2. */
+LULL_INLINE float lull_cell_gain(const float sums[LULL_CELL_SUMS])
 {
-    float share = 1.0f - squares / (q * q + 1e-6f);
-    float gain = (share > 0.0f ? share : 0.0f) * q / (base + 32.0f);
+    float q = sums[0], share = 1.0f - sums[1] / (q * q + 1e-6f);
+    float most = 20.0f + 0.3f * sums[3] * sums[3];
+    float gain = (share > 0.0f ? share : 0.0f) * (q < most ? q : most) / (sums[2] + 32.0f);
     gain = gain < -LULL_MOST_GAIN ? -LULL_MOST_GAIN : gain;
     return gain > LULL_MOST_GAIN ? LULL_MOST_GAIN : gain;
 }

@@ -66,7 +66,7 @@ static float gain_at(const float *const rows[3], size_t plane, int x)
         for (int k = x - 1; k <= x + 2; k++)
             sums[c] += (a[k] + b[k]) + d[k];
     }
-    return lull_cell_gain(sums[0], sums[1], sums[2]);
+    return lull_cell_gain(sums);
 }
 
 /* The two rows of cells whose centres lie around a row of pixels, and where it lies between. */

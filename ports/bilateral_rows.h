@@ -73,6 +73,9 @@ LULL_INLINE void residual_block(const lull_balance *at, const lull_encoding *fro
     store_n(sums, add(load_n(sums, n), mul(q, q)), n);
     sums += at->sum_plane;
     store_n(sums, add(load_n(sums, n), mul(quotient(v, level), w)), n);
+    sums += at->sum_plane;
+    q = low(high(sub(q, set(LULL_SPARK)), set(0.0f)), set(1.0f));
+    store_n(sums, add(load_n(sums, n), q), n);
 }
 
 void NAME(residual)(const lull_balance *at, const lull_encoding *from){

@@ -9,8 +9,8 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from export.smooth import (ALBEDO_CODES, BALANCE_EPS, CELL, MOST_GAIN, MOST_LACKING, NOISE_GAIN,
-                           NOISE_SHARE, OFFSETS, RESULT_GAIN, SURFACE_GAIN, WIDTH_MAX, WIDTH_MIN,
-                           WIDTH_PER_CODE)
+                           NOISE_SHARE, OFFSETS, RESULT_GAIN, SPARK, SPARKS_LEAST, SPARKS_SQUARED,
+                           SURFACE_GAIN, WIDTH_MAX, WIDTH_MIN, WIDTH_PER_CODE)
 from training import fused
 
 SIDE, RADIUS, TAPS = 5, 2, 25
@@ -200,12 +200,15 @@ def corrected(out: Tensor, smooth: Tensor, noise: Tensor, radiance: Tensor) -> T
     level = v + float(BALANCE_EPS)
     q = ((summed(radiance) - v) / level).clamp(max=float(MOST_LACKING))
     share = (noise * float(NOISE_SHARE)).clamp(max=1.0)
-    sums = torch.cat((q, q.square(), v / level * share), 1)
+    lit = (q - float(SPARK)).clamp(0.0, 1.0)
+    sums = torch.cat((q, q.square(), v / level * share, lit), 1)
     h, w = out.shape[-2:]
     sums = F.avg_pool2d(F.pad(sums, (0, -w % CELL, 0, -h % CELL)), CELL)
     sums = F.avg_pool2d(sums, (3, 5), stride=1, padding=(1, 2)) * (15 * CELL**2)
-    q, squares, base = sums.split(1, 1)
-    gain = (1.0 - squares / (q.square() + 1e-6)).clamp(min=0.0) * q / (base + 32.0)
+    q, squares, base, lit = sums.split(1, 1)
+    share_sure = (1.0 - squares / (q.square() + 1e-6)).clamp(min=0.0)
+    most = float(SPARKS_LEAST) + float(SPARKS_SQUARED) * lit.square()
+    gain = share_sure * torch.minimum(q, most) / (base + 32.0)
     gain = gain.clamp(-float(MOST_GAIN), float(MOST_GAIN))
     gain = F.interpolate(gain, scale_factor=CELL, mode="bilinear", align_corners=False)
     return out + out * (gain[..., :h, :w] * share)

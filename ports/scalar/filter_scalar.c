@@ -134,7 +134,7 @@ void lull_noise_scalar(uint8_t *noise, const lull_surface *at, const lull_encodi
 void lull_residual_scalar(const lull_balance *b, const lull_encoding *from)
 {
     for (size_t i = 0; i < b->pixels; i++) {
-        float p[3], r[3], level, q, w = b->noise[i] * LULL_NOISE_SHARE;
+        float p[3], r[3], level, q, lit, w = b->noise[i] * LULL_NOISE_SHARE;
         for (size_t c = 0; c < 3; c++) {
             p[c] = b->v[c * b->v_plane + i] * b->smooth[c * b->smooth_plane + i];
             r[c] = radiance_at(from, 3 * i + c);
@@ -146,6 +146,8 @@ void lull_residual_scalar(const lull_balance *b, const lull_encoding *from)
         b->sums[i] += q;
         b->sums[b->sum_plane + i] += q * q;
         b->sums[2 * b->sum_plane + i] += p[0] / level * (w < 1.0f ? w : 1.0f);
+        lit = q > LULL_SPARK ? q - LULL_SPARK : 0.0f;
+        b->sums[3 * b->sum_plane + i] += lit < 1.0f ? lit : 1.0f;
     }
 }
 

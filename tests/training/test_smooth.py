@@ -133,6 +133,18 @@ def test_single_sparks_are_chance(sparks, most):
     assert 0 <= change.min() and change.max() <= most + 1e-6
 
 
+@pytest.mark.parametrize("one_in, least, most", [(500, 0, 0.04), (40, 0.3, 0.5)])
+def test_few_sparks_are_fireflies(one_in, least, most):
+    """Bright ones, whose light in the mean is that of the picture either way."""
+    out, smooth, _ = lacking(160, 200, 1.0)
+    rng = np.random.default_rng(7)
+    hot = rng.random((160, 200, 1)) < 1 / one_in
+    radiance = out * smooth * np.where(hot, np.float32(one_in / 2), np.float32(1))
+    noise = np.full((*out.shape[:2], 1), 255, np.uint8)
+    gain = np.mean(last.corrected(out, smooth, noise, radiance) / out - 1)
+    assert least <= gain <= most
+
+
 def test_pixels_without_noise_stay():
     out, smooth, radiance = lacking(64, 80, 0.8)
     even = np.s_[:, 30:50]
@@ -162,14 +174,16 @@ def test_correction_is_its_definition():
     noise = last.noise_codes(out, radiance / smooth)[..., 0].astype(float)
     v = (out.astype(float) * smooth).sum(-1)
     q, share = (radiance.sum(-1) - v) / (v + 0.15), np.minimum(noise / 20, 1)
-    cells = np.zeros((3, 3 + 2, 6 + 4))
+    cells = np.zeros((4, 3 + 2, 6 + 4))
     for y, x in np.ndindex(v.shape):
         cells[:, y // 16 + 1, x // 16 + 2] += (q[y, x], q[y, x]**2,
-                                               v[y, x] / (v[y, x] + 0.15) * share[y, x])
+                                               v[y, x] / (v[y, x] + 0.15) * share[y, x],
+                                               min(max(q[y, x] - 2, 0), 1))
     gain = np.empty((3, 6))
     for j, i in np.ndindex(3, 6):
-        a, b, c = cells[:, j:j + 3, i:i + 5].sum((1, 2))
-        gain[j, i] = min(max(max(1 - b / (a * a + 1e-6), 0) * a / (c + 32), -0.5), 0.5)
+        a, b, c, n = cells[:, j:j + 3, i:i + 5].sum((1, 2))
+        share_sure = max(1 - b / (a * a + 1e-6), 0)
+        gain[j, i] = min(max(share_sure * min(a, 20 + 0.3 * n * n) / (c + 32), -0.5), 0.5)
     expected = np.empty(out.shape)
     for y, x in np.ndindex(v.shape):
         fy, fx = (y + 8.5) / 16, (x + 8.5) / 16
