@@ -90,8 +90,10 @@ def cell_gains(sums: np.ndarray) -> np.ndarray:
     v = np.pad(sums, ((0, 0), (1, 1), (2, 2)))
     v = (v[:, :-2] + v[:, 1:-1]) + v[:, 2:]
     n = v.shape[2] - 4
-    q, squares, base, lit = (((v[..., :n] + v[..., 1:n + 1]) + v[..., 2:n + 2]) + v[..., 3:n + 3]
-                        ) + v[..., 4:]
+    total = v[..., :n]
+    for k in range(1, 5):
+        total = total + v[..., k:k + n]
+    q, squares, base, lit = total
     share = np.maximum(F(1) - squares / (q * q + F(1e-6)), F(0))
     q = np.minimum(q, SPARKS_LEAST + SPARKS_SQUARED * lit * lit)
     return np.clip(share * q / (base + F(32)), -MOST_GAIN, MOST_GAIN)

@@ -467,7 +467,7 @@ static unsigned bench_pixels(const char *port, const lull_kernels *kernels,
     BENCH(spread, "3 channels")
     BENCH(noise, "7 codes")
     BENCH(bilateral, "10 pixels")
-    BENCH(residual, "3 sums")
+    BENCH(residual, "4 sums")
     BENCH(modulate, "3 channels")
     BENCH(luminance, "3 channels")
     BENCH(curve_in, "3 channels")
