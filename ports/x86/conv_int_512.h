@@ -1,6 +1,6 @@
 /* Integer convolution with vectors of 16 outputs, for AVX-512 and its extensions. The including
- * file defines DOT_NARROW and DOT_WIDE (see conv_int_tile.h), SLIDE_VECTORS (tiles of up to so many
- * vectors read columns once) and CONV (the function's name). */
+ * file defines DOT_NARROW and DOT_WIDE (see conv_int_tile.h), CONV (the function's name), and
+ * SHARE_COLUMNS where tiles that read columns once fit the registers. */
 #include "finish_512.h"
 
 #define FINISH_FOUR
@@ -18,26 +18,43 @@
 #define SHAPE(vectors) small_##vectors
 #include "shapes_512.h"
 
-#if SLIDE_VECTORS > 1
-/* 1 if pixels share columns in all segments: then tiles of two vectors, which read each column
- * once, load less than those of four. */
-static int slides(const lull_conv *conv)
+#if defined(SHARE_COLUMNS)
+#define TILE slide_2
+#define VECTORS 2
+#include "conv_int_slide.h"
+
+#define TILE slide_1
+#define VECTORS 1
+#include "conv_int_slide.h"
+
+/* Where pixels share columns in all segments, tiles that read each column once load less: those of
+ * two vectors no more than tiles of four that do not. */
+static const tile_shape slide_shapes[] = {
+    {slide_2, 2, 12}, {slide_1, 1, 24}, {small_1, 1, 12}, {pixel_1, 1, 1}};
+
+static int shares_columns(const lull_conv *conv)
 {
-    for (unsigned s = 0; s < conv->segments; s++)
-        if (s < conv->wide || !tile_taps(&conv->segment[s], conv->segment[s].step))
+    for (unsigned s = 0; s < conv->segments; s++) {
+        unsigned share = tile_share(&conv->segment[s], conv->segment[s].step);
+        if (share == SHARE_NONE || (share == SHARE_ENDS && conv->outputs > LANES))
             return 0;
-    return 1;
+    }
+    return conv->pixels >= slide_shapes[0].pixels;
 }
-#else
-static int slides(const lull_conv *conv) { return (void)conv, 0; }
 #endif
 #endif
 
 void CONV(const lull_conv *conv)
 {
 #if SMALL_SUMS
+#if defined(SHARE_COLUMNS)
+    if (conv->is_small && !conv->wide && conv->out_max <= 255 && shares_columns(conv)) {
+        run_tiles(conv, slide_shapes, LANES, 1);
+        return;
+    }
+#endif
     if (conv->is_small) {
-        run_tiles(conv, slides(conv) ? small_shapes + 2 : small_shapes, LANES, 1);
+        run_tiles(conv, small_shapes, LANES, 1);
         return;
     }
 #endif

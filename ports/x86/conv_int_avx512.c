@@ -14,6 +14,5 @@
     ADD_IN_PLACE(sum, _mm512_madd_epi16(_mm512_maddubs_epi16(x, w), _mm512_set1_epi16(1)))
 #define DOT_WIDE(sum, x, w) ADD_IN_PLACE(sum, _mm512_madd_epi16(x, w))
 
-#define SLIDE_VECTORS 1
 #include "conv_int_512.h"
 #include "conv_int3_512.h"

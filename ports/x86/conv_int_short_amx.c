@@ -7,6 +7,6 @@
 #define DOT_NARROW(sum, x, w) __asm__("vpdpbusd %2, %1, %0" : "+v"(sum) : "v"(x), "v"(w))
 #define DOT_WIDE(sum, x, w) __asm__("vpdpwssd %2, %1, %0" : "+v"(sum) : "v"(x), "v"(w))
 
-#define SLIDE_VECTORS 2
+#define SHARE_COLUMNS
 #include "conv_int_512.h"
 #endif

@@ -74,69 +74,6 @@
         }                                                                            \
     }
 
-#if IS_SMALL && VECTORS <= SLIDE_VECTORS && PIXELS == 12
-#define SLIDES(segment) (segment)->taps
-/* Pixels that follow each other share columns: each column is read once, for all its taps. The
- * weights of the taps are `third` bytes (or, with two taps, as many) apart. */
-#define FIRST(i)                \
-    DOT_NARROW(a##i, value, v0); \
-    B(DOT_NARROW(b##i, value, v1);)
-#define SECOND(i)               \
-    DOT_NARROW(a##i, value, w0); \
-    B(DOT_NARROW(b##i, value, w1);)
-#define THIRD(i)                \
-    DOT_NARROW(a##i, value, u0); \
-    B(DOT_NARROW(b##i, value, u1);)
-#define NO_TAP(i)
-#define COLUMN(base, offset, ...) \
-    value = splat((base) + (offset)); \
-    __VA_ARGS__
-#define COLUMNS(LAST)                                         \
-    COLUMN(x, 0, FIRST(0))                                    \
-    COLUMN(x, step, FIRST(1) SECOND(0))                       \
-    COLUMN(x, 2 * step, FIRST(2) SECOND(1) LAST(0))           \
-    COLUMN(y, 0, FIRST(3) SECOND(2) LAST(1))                  \
-    COLUMN(y, step, FIRST(4) SECOND(3) LAST(2))               \
-    COLUMN(y, 2 * step, FIRST(5) SECOND(4) LAST(3))           \
-    COLUMN(z, 0, FIRST(6) SECOND(5) LAST(4))                  \
-    COLUMN(z, step, FIRST(7) SECOND(6) LAST(5))               \
-    COLUMN(z, 2 * step, FIRST(8) SECOND(7) LAST(6))           \
-    COLUMN(t, 0, FIRST(9) SECOND(8) LAST(7))                  \
-    COLUMN(t, step, FIRST(10) SECOND(9) LAST(8))              \
-    COLUMN(t, 2 * step, FIRST(11) SECOND(10) LAST(9))         \
-    COLUMN(q, 0, SECOND(11) LAST(10))
-#define SLIDE_NEXT                                         \
-    k--, x += 4, y += 4, z += 4, t += 4, q += 4, w += 4 * LANES, B(w2 += 4 * LANES, )(void)0
-#define SLIDE_SEGMENT                                                              \
-    {                                                                              \
-        size_t step = part->step;                                                  \
-        unsigned k = part->length / part->taps;                                    \
-        size_t third = (size_t)k * 4 * LANES;                                      \
-        const uint8_t *w = part->w B(, *w2 = w + part->block);                     \
-        const uint8_t *x = part->x + p * step, *y = x + 3 * step, *z = y + 3 * step; \
-        const uint8_t *t = z + 3 * step, *q = t + 3 * step;                        \
-        if (part->taps == 3)                                                       \
-            for (; k; SLIDE_NEXT) {                                                \
-                vec v0 = load(w) B(, v1 = load(w2));                               \
-                vec w0 = load(w + third) B(, w1 = load(w2 + third));               \
-                vec u0 = load(w + 2 * third) B(, u1 = load(w2 + 2 * third)), value; \
-                COLUMNS(THIRD)                                                     \
-                COLUMN(q, step, THIRD(11))                                         \
-            }                                                                      \
-        else                                                                       \
-            for (; k; SLIDE_NEXT) {                                                \
-                vec v0 = load(w) B(, v1 = load(w2));                               \
-                vec w0 = load(w + third) B(, w1 = load(w2 + third)), value;        \
-                COLUMNS(NO_TAP)                                                    \
-            }                                                                      \
-    }
-#else
-#define SLIDES(segment) 0
-#define SLIDE_SEGMENT \
-    {                 \
-    }
-#endif
-
 static void TILE(const tile_row *row)
 {
     static const int32_t zeros[4 * LANES] = {0};
@@ -160,12 +97,8 @@ static void TILE(const tile_row *row)
             start = row->bias + p * start_step;
             FOR_PIXELS(SHIFT)
         }
-        for (; part < end; part++) {
-            if (SLIDES(part))
-                SLIDE_SEGMENT
-            else
-                SEGMENT(NARROW)
-        }
+        for (; part < end; part++)
+            SEGMENT(NARROW)
         finish_tile(&f, row, p);
         if (f.size == 1) {
             STORE_ALL(BYTES | IS_SMALL * SMALL, STORE_BYTES)
@@ -186,13 +119,4 @@ static void TILE(const tile_row *row)
 #undef STORE_WORDS
 #undef STORE_ALL
 #undef SEGMENT
-#undef SLIDES
-#undef SLIDE_SEGMENT
-#undef SLIDE_NEXT
-#undef FIRST
-#undef SECOND
-#undef THIRD
-#undef NO_TAP
-#undef COLUMN
-#undef COLUMNS
 #include "vectors_end.h"

@@ -11,6 +11,6 @@
 #define DOT_WIDE(sum, x, w) sum = _mm512_dpwssd_epi32(sum, x, w)
 #endif
 
-#define SLIDE_VECTORS 2
+#define SHARE_COLUMNS
 #include "conv_int_512.h"
 #include "conv_int3_512.h"

@@ -11,6 +11,10 @@
 #define PIXELS_6(X) PIXELS_4(X) X(4, y, step) X(5, y, 2 * step)
 #define PIXELS_8(X) PIXELS_6(X) X(6, z, 0) X(7, z, step)
 #define PIXELS_12(X) PIXELS_8(X) X(8, z, 2 * step) X(9, t, 0) X(10, t, step) X(11, t, 2 * step)
+/* Numbers alone matter to those who use this. */
+#define PIXELS_24(X)                                                                            \
+    PIXELS_12(X) X(12, , ) X(13, , ) X(14, , ) X(15, , ) X(16, , ) X(17, , ) X(18, , ) X(19, , ) \
+    X(20, , ) X(21, , ) X(22, , ) X(23, , )
 
 /* X(number, next number); a lone pixel is its own partner. */
 #define PAIRS_1(X) X(0, 0)

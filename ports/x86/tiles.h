@@ -20,7 +20,8 @@ typedef struct tile_row {
         const uint8_t *x, *w; /* the run of pixel 0, the weights of the first vector */
         size_t step, block;   /* bytes from pixel to pixel, and from vector to vector */
         unsigned length;
-        unsigned taps; /* narrow runs of 3 or 2 whole columns whose next pixel is one column on */
+        unsigned share;       /* SHARE_... */
+        unsigned column;      /* dwords of a column of runs that share some, else `length` */
     } part[LULL_MAX_SEGMENTS];
 } tile_row;
 
@@ -29,14 +30,25 @@ typedef struct tile_shape {
     unsigned vectors, pixels; /* of a tile */
 } tile_shape;
 
-/* Whole columns in a segment's runs, if each next pixel is one column on: 3, 2, or 0 otherwise.
- * step: in bytes. */
-LULL_INLINE unsigned tile_taps(const lull_segment *segment, size_t step)
+/* What the runs of pixels that follow each other share: columns (dwords of one source pixel). */
+enum {
+    SHARE_NONE,
+    SHARE_2,   /* two columns, each next pixel one column on */
+    SHARE_3,   /* three columns, each next pixel one column on */
+    SHARE_ENDS /* three columns, each next pixel two columns on */
+};
+
+/* SHARE_... of a segment with `step` bytes from pixel to pixel. */
+LULL_INLINE unsigned tile_share(const lull_segment *segment, size_t step)
 {
     size_t bytes = (size_t)4 * segment->length;
     if (step % 4)
-        return 0;
-    return 3 * step == bytes ? 3 : 2 * step == bytes ? 2 : 0;
+        return SHARE_NONE;
+    if (3 * step == bytes)
+        return SHARE_3;
+    if (segment->length % 3 == 0 && 3 * step == 2 * bytes)
+        return SHARE_ENDS;
+    return 2 * step == bytes ? SHARE_2 : SHARE_NONE;
 }
 
 /* Runs the whole convolution. The shapes are listed with decreasing numbers of vectors and end
@@ -70,7 +82,10 @@ LULL_INLINE void run_tiles(const lull_conv *conv, const tile_shape *shapes, unsi
             part->block = (size_t)4 * lanes * segment->length;
             part->w = (const uint8_t *)segment->weights + row.first / lanes * part->block;
             part->length = segment->length;
-            part->taps = is_integer && s >= conv->wide ? tile_taps(segment, part->step) : 0;
+            part->share = tile_share(segment, part->step);
+            part->column = part->length;
+            if (part->share != SHARE_NONE)
+                part->column /= part->share == SHARE_2 ? 2 : 3;
         }
         shape->run(&row);
         row.first += shape->vectors * lanes;

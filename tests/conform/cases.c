@@ -86,10 +86,10 @@ static void make_float_weights(const cases_conv *c, cases_pattern pattern, unsig
 
 /* Bias and multiplier of every output: sums stay in int32, results fall on both sides of the
  * clamp. */
-static void make_int_scales(cases_conv *c, cases_pattern pattern)
+static void make_int_scales(cases_conv *c, cases_pattern pattern, int is_layer)
 {
     lull_conv *conv = &c->conv;
-    int may_be_small = guard_below(4) != 0;
+    int may_be_small = is_layer || guard_below(4) != 0;
     conv->is_small = may_be_small;
     for (unsigned o = 0; o < conv->outputs; o++) {
         double wide = 0, narrow = 0, room;
@@ -98,11 +98,13 @@ static void make_int_scales(cases_conv *c, cases_pattern pattern)
                 *(s < conv->wide ? &wide : &narrow) += fabs((double)cases_weight(s, o, e));
         wide = floor((wide * 32767 + (1 << conv->wide_shift >> 1)) / (1 << conv->wide_shift));
         room = 2147483647.0 - wide - narrow * 255;
-        room = guard_below(4) ? fmin(room, 1 << 12) : room; /* mostly small */
+        room = is_layer || guard_below(4) ? fmin(room, 1 << 12) : room; /* mostly small */
         int_bias[o] = pick(pattern, o, -(int32_t)room, (int32_t)room);
         multiplier[o] = pattern == CASES_RANDOM || pattern == CASES_PAIRS
                             ? guard_between(0, (1 << (10 + guard_below(21))) - 1)
                             : pick(pattern, o, 0, (1 << 30) - 1);
+        if (is_layer) /* results in the middle of their range */
+            multiplier[o] = (int32_t)fmin(1 << 30, (1 << 11) * 1048576.0 / (narrow + 1));
         if (may_be_small) /* 24 bits; often a power of two or so, for results with halves */
             multiplier[o] = guard_below(2)              ? multiplier[o] & ~0xffff
                             : multiplier[o] >= 1 << 24 ? multiplier[o] & ~0x3f
@@ -130,7 +132,7 @@ static void fill_row(const cases_conv *c, cases_pattern pattern, unsigned s, voi
     }
 }
 
-static void make_segment(cases_conv *c, cases_pattern pattern, unsigned s)
+static void make_segment(cases_conv *c, cases_pattern pattern, unsigned s, int is_layer)
 {
     lull_segment *segment = &c->conv.segment[s];
     unsigned group = !c->is_integer ? 1 : s < c->conv.wide ? 2 : 4;
@@ -139,10 +141,11 @@ static void make_segment(cases_conv *c, cases_pattern pattern, unsigned s)
     segment->length = 1 + guard_below(guard_below(4) ? 12 : 40);
     segment->step = 1 + guard_below(2 * group * segment->length);
     c->elements[s] = group * segment->length - guard_below(group);
-    if (guard_below(2)) { /* what layers look like: 1 to 3 columns, the next pixel one on */
-        unsigned columns = 1 + guard_below(3), channels = group * (1 + guard_below(12));
+    if (is_layer || guard_below(2)) { /* 1 to 3 columns, the next pixel one or two on */
+        unsigned columns = is_layer ? 2 + guard_below(2) : 1 + guard_below(3);
+        unsigned channels = group * (1 + guard_below(12));
         segment->length = columns * channels / group;
-        segment->step = channels;
+        segment->step = columns == 3 && guard_below(2) ? 2 * channels : channels;
         c->elements[s] = columns * channels;
     }
     span = (size_t)(c->conv.pixels - 1) * segment->step + (size_t)group * segment->length;
@@ -156,7 +159,7 @@ static void make_segment(cases_conv *c, cases_pattern pattern, unsigned s)
 }
 
 void cases_make(cases_conv *c, int is_integer, cases_pattern pattern, unsigned outputs,
-                unsigned pixels)
+                unsigned pixels, int is_layer)
 {
     static const int32_t maxima[] = {255, 255, 255, 100, 32767, 32767, 256, 1000};
     lull_conv *conv = &c->conv;
@@ -168,14 +171,14 @@ void cases_make(cases_conv *c, int is_integer, cases_pattern pattern, unsigned o
     conv->segments = 1 + guard_below(LULL_MAX_SEGMENTS);
     conv->out_step = outputs + (guard_below(2) ? guard_below(2 * outputs) : 0);
     if (is_integer) {
-        conv->wide = guard_below(3) ? guard_below(conv->segments + 1) : 0;
+        conv->wide = !is_layer && guard_below(3) ? guard_below(conv->segments + 1) : 0;
         conv->wide_shift = guard_below(2) ? guard_below(16) : 0;
-        conv->out_max = maxima[guard_below(8)];
+        conv->out_max = maxima[guard_below(is_layer ? 4 : 8)];
     }
     for (unsigned s = 0; s < conv->segments; s++)
-        make_segment(c, pattern, s);
+        make_segment(c, pattern, s, is_layer);
     if (is_integer)
-        make_int_scales(c, pattern);
+        make_int_scales(c, pattern, is_layer);
     else
         conv->least = guard_below(2) ? 0.0f : -LULL_FLT_MAX;
     if (!is_integer)

@@ -27,9 +27,10 @@ typedef struct cases_conv {
     int has_start; /* may be set after cases_make: the bias differs from pixel to pixel */
 } cases_conv;
 
-/* Makes a case: sizes as given, the rest at random; fills its rows. */
+/* Makes a case: sizes as given, the rest at random; fills its rows. is_layer: narrow, small sums of
+ * runs of 2 or 3 columns, as most layers are. */
 void cases_make(cases_conv *c, int is_integer, cases_pattern pattern, unsigned outputs,
-                unsigned pixels);
+                unsigned pixels, int is_layer);
 
 /* Sets weights, bias and multiplier in the layout for blocks of `block` outputs; is_split: as for a
  * table with splits_wide. */

@@ -9,7 +9,7 @@
 #include "check.h"
 #include "guard.h"
 
-#define MAX_PIXELS 25u /* two tiles of 12 and one */
+#define MAX_PIXELS 49u /* two tiles of 24 and one */
 #define ROUNDS 2u
 
 /* The running test. */
@@ -79,12 +79,12 @@ static void run_conv(const lull_kernels *kernels, cases_conv *c, void *out)
         kernels->conv_f32(&c->conv);
 }
 
-static void conv_case(int is_integer, unsigned outputs, unsigned pixels)
+static void conv_case(int is_integer, unsigned outputs, unsigned pixels, int is_layer)
 {
     cases_conv c;
     uint8_t *out;
     int has_patches = now.port->patches_u || now.port->patches_k;
-    cases_make(&c, is_integer, now.pattern, outputs, pixels);
+    cases_make(&c, is_integer, now.pattern, outputs, pixels, is_layer);
     c.has_start =
         is_integer && !now.is_int3 && (now.is_scalar || has_patches) && guard_below(3) == 0;
     out = guard_place(GUARD_OUT, cases_out_bytes(&c), c.at_end);
@@ -110,9 +110,11 @@ static void conv_cases(int is_integer)
     CHECK(most <= CASES_MAX_OUTPUTS);
     for (unsigned round = 0; round < ROUNDS; round++) {
         for (unsigned pixels = 1; pixels <= MAX_PIXELS; pixels++)
-            conv_case(is_integer, 1 + guard_below(most), pixels);
+            conv_case(is_integer, 1 + guard_below(most), pixels, 0);
         for (unsigned outputs = 1; outputs <= most; outputs++)
-            conv_case(is_integer, outputs, 1 + guard_below(MAX_PIXELS));
+            conv_case(is_integer, outputs, 1 + guard_below(MAX_PIXELS), 0);
+        for (unsigned outputs = 1; outputs <= 2 * block; outputs++) /* most tiles share columns */
+            conv_case(is_integer, outputs, MAX_PIXELS / 2 + guard_below(MAX_PIXELS / 2), 1);
     }
 }
 
@@ -122,7 +124,7 @@ static void conv_int3_cases(void)
     now.is_int3 = 1;
     for (unsigned round = 0; round < 4 * ROUNDS; round++)
         for (unsigned pixels = 1; pixels <= MAX_PIXELS; pixels++)
-            conv_case(1, 3, pixels);
+            conv_case(1, 3, pixels, 0);
     now.is_int3 = 0;
 }
 static void conv_f32_cases(void) { conv_cases(0); }
