@@ -24,7 +24,7 @@ LULL_INLINE vec shift(vec a, unsigned n) { return _mm256_sra_epi32(a, _mm_cvtsi3
 /* Where and how the pixels of a tile are stored. Outputs that do not fill the vectors go to `spare`
  * first: 12 pixels of one vector or 6 of two, 2 bytes each. */
 typedef struct finish {
-    vec even0, odd0, even1, odd1; /* twice the multipliers */
+    vec even0, odd0, even1, odd1; /* twice the multipliers; small sums: `even` are their scales */
     uint8_t *to;
     size_t step; /* bytes */
     int32_t max;
@@ -36,10 +36,10 @@ typedef struct finish {
 LULL_INLINE void finish_init(finish *f, const tile_row *row, unsigned vectors, int is_small)
 {
     const int32_t *m = row->conv->multiplier + row->first;
-    (void)is_small;
-    f->even0 = _mm256_slli_epi32(load(m), 1);
+    vec m0 = load(m), m1 = load(vectors > 1 ? m + LANES : m);
+    f->even0 = is_small ? small_scale(m0) : _mm256_slli_epi32(m0, 1);
+    f->even1 = is_small ? small_scale(m1) : _mm256_slli_epi32(m1, 1);
     f->odd0 = _mm256_srli_epi64(f->even0, 32);
-    f->even1 = _mm256_slli_epi32(load(vectors > 1 ? m + LANES : m), 1);
     f->odd1 = _mm256_srli_epi64(f->even1, 32);
     f->max = row->conv->out_max;
     f->size = f->max <= 255 ? 1 : 2;
@@ -92,13 +92,13 @@ LULL_INLINE void store_wide(const finish *f, unsigned i, vec a, vec b)
     _mm256_storeu_si256((__m256i *)(void *)(f->to + i * f->step), q);
 }
 
+#define Q(v, n) \
+    v = how & SMALL ? requantise_small(v, f->even##n) : requantise(v, f->even##n, f->odd##n)
+
 LULL_INLINE void finish_2(const finish *f, int how, unsigned i, unsigned j, vec a, vec b,
                           vec c, vec d)
 {
-    a = requantise(a, f->even0, f->odd0);
-    b = requantise(b, f->even1, f->odd1);
-    c = requantise(c, f->even0, f->odd0);
-    d = requantise(d, f->even1, f->odd1);
+    Q(a, 0), Q(b, 1), Q(c, 0), Q(d, 1);
     if (how & BYTES) {
         vec q = _mm256_packus_epi16(_mm256_packs_epi32(a, b), _mm256_packs_epi32(c, d));
         q = _mm256_permutevar8x32_epi32(q, _mm256_setr_epi32(0, 4, 1, 5, 2, 6, 3, 7));
@@ -114,8 +114,7 @@ LULL_INLINE void finish_2(const finish *f, int how, unsigned i, unsigned j, vec 
 LULL_INLINE void finish_1(const finish *f, int how, unsigned i, unsigned j, vec a, vec b)
 {
     uint8_t *to = f->to + i * f->step, *next = f->to + j * f->step;
-    a = requantise(a, f->even0, f->odd0);
-    b = requantise(b, f->even0, f->odd0);
+    Q(a, 0), Q(b, 0);
     if (how & BYTES) {
         vec pairs = _mm256_packs_epi32(a, b); /* a0-3 b0-3, a4-7 b4-7 */
         __m128i q = _mm_packus_epi16(_mm256_castsi256_si128(pairs),
@@ -137,4 +136,24 @@ LULL_INLINE void finish_1(const finish *f, int how, unsigned i, unsigned j, vec 
 #define SHAPE(vectors) tile_##vectors
 #include "shapes_256.h"
 
-void CONV(const lull_conv *conv) { run_tiles(conv, shapes, LANES, 1); }
+#if SMALL_SUMS
+#undef IS_SMALL
+#define IS_SMALL 1
+#define TEMPLATE "conv_int_tile.h"
+#define SHAPES small_shapes
+#define SHAPE(vectors) small_##vectors
+#include "shapes_256.h"
+#endif
+
+void CONV(const lull_conv *conv)
+{
+#if SMALL_SUMS
+    if (conv->is_small) {
+        unsigned before = round_down();
+        run_tiles(conv, small_shapes, LANES, 1);
+        round_as(before);
+        return;
+    }
+#endif
+    run_tiles(conv, shapes, LANES, 1);
+}

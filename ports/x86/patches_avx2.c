@@ -45,13 +45,16 @@ LULL_INLINE vec exact(vec a)
 }
 
 typedef struct scales {
-    vec even, odd, bias; /* twice the multipliers */
+    vec even, odd, bias; /* twice the multipliers; small sums: `even` is their scale */
     int32_t max;
+    int is_small;
 } scales;
 
 LULL_INLINE void scales_init(scales *s, const lull_patches *image, unsigned first)
 {
-    s->even = _mm256_slli_epi32(load(image->multiplier + first), 1);
+    vec multiplier = load(image->multiplier + first);
+    s->is_small = SMALL_SUMS && image->is_small;
+    s->even = s->is_small ? small_scale(multiplier) : _mm256_slli_epi32(multiplier, 1);
     s->odd = _mm256_srli_epi64(s->even, 32);
     s->bias = load(image->bias + first);
     s->max = image->out_max;
@@ -61,7 +64,7 @@ LULL_INLINE void put(const scales *s, uint8_t *to, uint8_t *next, size_t pixel, 
 {
     vec q[4];
     for (unsigned i = 0; i < 4; i++)
-        q[i] = requantise(a[i], s->even, s->odd);
+        q[i] = s->is_small ? requantise_small(a[i], s->even) : requantise(a[i], s->even, s->odd);
     if (s->max <= 255) { /* packing works within 128 bits: the dwords are then put in order */
         vec codes = _mm256_packus_epi16(_mm256_packs_epi32(q[0], q[1]),
                                         _mm256_packs_epi32(q[2], q[3]));
@@ -85,6 +88,13 @@ LULL_INLINE void put(const scales *s, uint8_t *to, uint8_t *next, size_t pixel, 
     }
 }
 
-#define IN lull_patches_in_avx2
-#define OUT lull_patches_out_avx2
 #include "patches_rows.h"
+
+void lull_patches_in_avx2(const lull_patches *image) { patches_in(image); }
+
+void lull_patches_out_avx2(const lull_patches *image)
+{
+    unsigned before = round_down();
+    patches_out(image);
+    round_as(before);
+}

@@ -89,6 +89,7 @@ LULL_INLINE void put(const scales *s, uint8_t *to, uint8_t *next, size_t pixel, 
     }
 }
 
-#define IN lull_patches_in_avx512
-#define OUT lull_patches_out_avx512
 #include "patches_rows.h"
+
+void lull_patches_in_avx512(const lull_patches *image) { patches_in(image); }
+void lull_patches_out_avx512(const lull_patches *image) { patches_out(image); }

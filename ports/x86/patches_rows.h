@@ -1,5 +1,5 @@
 /* Patches: points of codes, and codes of sums at points, in vectors over channels. Included once by
- * the file of an instruction set, which defines IN and OUT (the functions' names) and
+ * the file of an instruction set, which calls patches_in and patches_out, and defines
  *
  *   words, WORDS                   a vector of WORDS int16
  *   load_words(p, n), store_words(p, v, n)
@@ -100,7 +100,7 @@ LULL_INLINE void wide_in(const lull_patches *image, unsigned c, unsigned n)
     }
 }
 
-void IN(const lull_patches *image)
+LULL_INLINE void patches_in(const lull_patches *image)
 {
     unsigned c = 0;
     if (!image->is_wide) {
@@ -217,7 +217,7 @@ LULL_INLINE void wide_out(const lull_patches *image, const scales *s, const int3
     put(s, image->out[0] + at, image->out[1] + at, pixel, a);
 }
 
-void OUT(const lull_patches *image)
+LULL_INLINE void patches_out(const lull_patches *image)
 {
     size_t size = image->out_max <= 255 || image->is_raw ? 1 : 2;
     size_t width = (image->is_raw ? image->raw_step : image->channels * size) *

@@ -15,4 +15,46 @@ LULL_INLINE __m256i requantise(__m256i a, __m256i even, __m256i odd)
     return _mm256_blend_epi32(_mm256_srli_epi64(q0, 32), q1, 0xaa);
 }
 
+/* Sums that a float holds, by multipliers that a float holds (`scale`: them times 2^-31): the
+ * product with 0.5 added, rounded down once, is cut to the same integer as the definition's.
+ * Instructions of 256 bits take the rounding from a register, so this is right between round_down
+ * and round_as alone. The emulation has no such register. */
+#if LULL_EMULATE
+#define SMALL_SUMS 0
+LULL_INLINE unsigned round_down(void) { return 0; }
+LULL_INLINE void round_as(unsigned before) { (void)before; }
+LULL_INLINE __m256i small_scale(__m256i multiplier) { return multiplier; }
+LULL_INLINE __m256i requantise_small(__m256i a, __m256i scale) { return (void)scale, a; }
+#else
+#define SMALL_SUMS 1
+/* What is computed before and after goes through memory, so it stays there. */
+#if defined(__GNUC__)
+#define LULL_X86_FENCE __asm__ volatile("" ::: "memory")
+#else
+#define LULL_X86_FENCE (void)0
+#endif
+LULL_INLINE unsigned round_down(void)
+{
+    unsigned before = _mm_getcsr();
+    _mm_setcsr(((before | _MM_MASK_MASK) & ~(unsigned)_MM_ROUND_MASK) | _MM_ROUND_DOWN);
+    LULL_X86_FENCE;
+    return before;
+}
+LULL_INLINE void round_as(unsigned before)
+{
+    LULL_X86_FENCE;
+    _mm_setcsr(before);
+}
+LULL_INLINE __m256i small_scale(__m256i multiplier)
+{
+    return _mm256_castps_si256(
+        _mm256_mul_ps(_mm256_cvtepi32_ps(multiplier), _mm256_set1_ps(1.0f / 2147483648.0f)));
+}
+LULL_INLINE __m256i requantise_small(__m256i a, __m256i scale)
+{
+    return _mm256_cvttps_epi32(_mm256_fmadd_ps(_mm256_cvtepi32_ps(a), _mm256_castsi256_ps(scale),
+                                               _mm256_set1_ps(0.5f)));
+}
+#endif
+
 #endif

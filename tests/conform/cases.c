@@ -84,6 +84,22 @@ static void make_float_weights(const cases_conv *c, cases_pattern pattern, unsig
         }
 }
 
+/* An output whose sum is its bias, and the result so little below a half (less than 2^-18) that a
+ * float holds it only if it is rounded down. */
+static void just_below_a_half(const lull_conv *conv, unsigned o)
+{
+    int32_t left;
+    for (unsigned s = 0; s < conv->segments; s++)
+        for (unsigned e = 0; e < CASES_MAX_ELEMENTS; e++)
+            weights[s][o * CASES_MAX_ELEMENTS + e] = 0.0f;
+    do {
+        int64_t half = (int64_t)guard_between(64, 254) * 2 + 1; /* times 2^-1 */
+        int_bias[o] = guard_between(1 << 15, 1 << 17);
+        multiplier[o] = (int32_t)((half << 30) / int_bias[o]);
+        left = (int32_t)((half << 30) % int_bias[o]);
+    } while (!left || left >= 1 << 13 || multiplier[o] >= 1 << 24);
+}
+
 /* Bias and multiplier of every output: sums stay in int32, results fall on both sides of the
  * clamp. */
 static void make_int_scales(cases_conv *c, cases_pattern pattern, int is_layer)
@@ -109,6 +125,10 @@ static void make_int_scales(cases_conv *c, cases_pattern pattern, int is_layer)
             multiplier[o] = guard_below(2)              ? multiplier[o] & ~0xffff
                             : multiplier[o] >= 1 << 24 ? multiplier[o] & ~0x3f
                                                        : multiplier[o];
+        if (is_layer && guard_below(4) == 0) {
+            just_below_a_half(conv, o);
+            continue;
+        }
         if (wide + fabs((double)int_bias[o]) + narrow * 255 > 1 << 24)
             conv->is_small = 0;
     }

@@ -1,5 +1,6 @@
 #include "conform.h"
 
+#include <fenv.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -65,18 +66,45 @@ static int gaps_untouched(const cases_conv *c, const uint8_t *out)
     return 1;
 }
 
+/* How floats are rounded: 1 up, 2 down, 0 otherwise. (On x86 fegetround asks another register.) */
+static int rounding(void)
+{
+    volatile float one = 1.0f, tiny = 1e-9f;
+    volatile float more = one + tiny, less = one - tiny;
+    return more > one ? 1 : less < one ? 2 : 0;
+}
+
+/* Integer kernels neither heed how the caller rounds floats nor change it. */
+static int caller_rounds(void)
+{
+#if defined(FE_UPWARD)
+    (void)fesetround(guard_below(2) ? FE_UPWARD : FE_TONEAREST);
+#endif
+    return rounding();
+}
+static void caller_goes_on(int mode)
+{
+    CHECK(rounding() == mode);
+    (void)fesetround(FE_TONEAREST);
+}
+
 static void run_conv(const lull_kernels *kernels, cases_conv *c, void *out)
 {
+    int mode;
     memcpy(out, before, cases_out_bytes(c));
     c->conv.out = out;
     cases_pack(c, now.is_int3 ? 1 : c->is_integer ? kernels->block_int : kernels->block_f32,
                !now.is_int3 && kernels->splits_wide);
+    if (!c->is_integer) {
+        kernels->conv_f32(&c->conv);
+        return;
+    }
+    mode = caller_rounds();
     if (now.is_int3)
         kernels->conv_int3(&c->conv);
-    else if (c->is_integer)
-        kernels->conv_int(&c->conv);
     else
-        kernels->conv_f32(&c->conv);
+        kernels->conv_int(&c->conv);
+    caller_goes_on(mode);
 }
 
 static void conv_case(int is_integer, unsigned outputs, unsigned pixels, int is_layer)
