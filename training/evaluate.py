@@ -5,7 +5,8 @@
         --held_out data/train:12 --report docs/models.md
 
 Cases are the groups of the naming scheme and folders with noisy.exr and ref.exr. All metrics are
-taken on tone-mapped sRGB (docs/training.md) at the auto-exposure of the reference. OIDN (quality
+taken on tone-mapped sRGB (docs/training.md) at the auto-exposure of the reference. For ldr the
+pictures and their references are multiplied by that exposure and clipped to [0,1]. OIDN (quality
 high, its own weights) is run where the package pyoidn is installed; it also runs our weights, and
 the difference to ours must be within its own tolerance. The tables go between the marks
 `<!-- scores -->` and `<!-- /scores -->` of the report.
@@ -70,6 +71,7 @@ def _groups(root: Path) -> list[Group]:
 
 
 def has_features(version: Version, features: list[str]) -> bool:
+    features = ["hdr" if f == "ldr" else f for f in features]  # see evaluate
     if "*" not in version.files:
         return not version.missing(features)
     channels = read_exr_channels(version.files["*"])
@@ -110,13 +112,16 @@ def evaluate(case: Case, path: Path, denoiser: Denoiser | Program, binary: Path 
     """Scores of one case: by method and metric, and the agreement with OIDN running our weights.
 
     as_spp: the input gets the noise of this many samples per pixel, in place of its own."""
-    images = load(case.source, denoiser.features)
-    target = load(case.target, ["hdr"])["hdr"]
+    main, *others = denoiser.features
+    noisy, target = (load(v, ["hdr"])["hdr"] for v in (case.source, case.target))
     if as_spp:
-        images["hdr"] = with_less_noise(images["hdr"], target, (case.source.spp / as_spp) ** 0.5)
+        noisy = with_less_noise(noisy, target, (case.source.spp / as_spp) ** 0.5)
     exposure = color.autoexposure(target)
-    shown = metrics.to_display(target, "hdr", exposure)
-    outputs = {"noisy": images["hdr"], "lull": denoiser.run(images)}
+    if main == "ldr":
+        noisy, target = (np.clip(image * exposure, 0, 1) for image in (noisy, target))
+    images = {main: noisy, **load(case.source, others)}
+    shown = metrics.to_display(target, main, exposure)
+    outputs = {"noisy": noisy, "lull": denoiser.run(images)}
     row: dict = {"case": case.name, "spp": case.source.spp}
     if binary:
         outputs["oidn"] = peer.denoise(binary, images)
@@ -124,7 +129,7 @@ def evaluate(case: Case, path: Path, denoiser: Denoiser | Program, binary: Path 
             theirs = peer.denoise(binary, images, path.resolve())
             row["agreement"] = peer.difference(outputs["lull"], theirs)
     for method, image in outputs.items():
-        row[method] = metrics.measure(metrics.to_display(image, "hdr", exposure), shown, names)
+        row[method] = metrics.measure(metrics.to_display(image, main, exposure), shown, names)
     return row
 
 
