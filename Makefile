@@ -16,7 +16,7 @@
 #
 # Settings: CC, HOSTCC (compiler of build-time tools when cross compiling), CFLAGS and LDFLAGS (added
 # last), OPT=-O3, WERROR=1, SAN=address,undefined (in a build folder of its own), BUILD=folder, and
-# OPENEXR=0, PNG=0, OPENCL=0, THREADS=0 to leave an optional part out. The .mk files list the sources.
+# OPENEXR=0, PNG=0, THREADS=0 to leave an optional part out. The .mk files list the sources.
 
 ifeq ($(origin CC),default)
 CC := $(or $(shell for c in cc gcc clang; do command -v $$c >/dev/null && echo $$c && break; done),cc)
@@ -93,7 +93,6 @@ endif
 part = $(if $(filter 0,$($(1))),0,$(if $(shell $(PKG_CONFIG) --exists '$(2)' 2>/dev/null && echo 1),1,0))
 WITH_OPENEXR := $(call part,OPENEXR,OpenEXR >= 3.1)
 WITH_PNG := $(call part,PNG,libpng)
-WITH_OPENCL := $(call part,OPENCL,OpenCL)
 WITH_THREADS := $(if $(filter 0,$(THREADS)),0,1)
 
 ifeq ($(WITH_OPENEXR),1)
@@ -103,10 +102,6 @@ endif
 ifeq ($(WITH_PNG),1)
 PNG_CFLAGS := $(shell $(PKG_CONFIG) --cflags libpng)
 PNG_LIBS := $(shell $(PKG_CONFIG) --libs libpng)
-endif
-ifeq ($(WITH_OPENCL),1)
-OPENCL_CFLAGS := $(shell $(PKG_CONFIG) --cflags OpenCL)
-OPENCL_LIBS := $(shell $(PKG_CONFIG) --libs OpenCL)
 endif
 
 # The memory sanitizer knows only what it has compiled itself.
@@ -143,7 +138,7 @@ ifneq ($(SYSTEM),windows)
 PIC := -fPIC
 endif
 DEFINES := -DLULL_WITH_OPENEXR=$(WITH_OPENEXR) -DLULL_WITH_PNG=$(WITH_PNG) \
-           -DLULL_WITH_OPENCL=$(WITH_OPENCL) -DLULL_WITH_THREADS=$(WITH_THREADS) \
+           -DLULL_WITH_THREADS=$(WITH_THREADS) \
            $(foreach g,$(PORT_GROUPS),-DLULL_WITH_$(g)=$(if $(filter $(g),$(PORTS)),1,0))
 BASE_FLAGS = -std=c99 $(OPT) $(EXACT) $(WARNINGS) -fvisibility=hidden $(PIC) $(SAN_FLAGS) $(DEFINES)
 # lib/ and ports/ call nothing of libc but mem*: no stack protector, no _chk variants.
@@ -204,7 +199,6 @@ lull for $(MACHINE)
     $(strip $(PORT_$(g)_SOURCES)),$(if $(filter any $(ARCH),$(PORT_$(g)_ARCH)), (no $(g): the compiler lacks it))))
   OpenEXR    $(call yesno,$(WITH_OPENEXR),(pkg-config finds no OpenEXR >= 3.1; Debian: libopenexr-dev pkg-config))
   PNG        $(call yesno,$(WITH_PNG),(pkg-config finds no libpng; Debian: libpng-dev pkg-config))
-  OpenCL     $(call yesno,$(WITH_OPENCL),(pkg-config finds no OpenCL; Debian: ocl-icd-opencl-dev pkg-config))
   threads    $(call yesno,$(WITH_THREADS),(THREADS=0))
 endef
 export SETTINGS

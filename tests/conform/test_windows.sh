@@ -37,7 +37,7 @@ mkdir -p "$folder"
 targets=all
 for program in $programs; do targets="$targets $folder/test/$program.exe"; done
 # shellcheck disable=SC2086
-if make -j"$jobs" CC=$prefix-gcc AR=$prefix-ar BUILD="$folder" OPENCL=0 SAN= WERROR=1 $targets \
+if make -j"$jobs" CC=$prefix-gcc AR=$prefix-ar BUILD="$folder" SAN= WERROR=1 $targets \
     >"$folder/build.log" 2>&1; then ok; else
     bad build
     tail -20 "$folder/build.log"
