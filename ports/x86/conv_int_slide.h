@@ -112,16 +112,13 @@ static void TILE(const tile_row *row)
             if (part->share == SHARE_3) {
                 EACH_DWORD(from, part->w, TWO_MORE(next),
                            COLUMNS(SECOND, THIRD) AFTER(SECOND, THIRD) LAST)
-            } else if (part->share == SHARE_2) {
-                EACH_DWORD(from, part->w, ONE_MORE(next),
-                           COLUMNS(SECOND, NONE) AFTER(SECOND, NONE))
-            } else if (part->share == SHARE_ENDS) {
-                EACH_DWORD(from, part->w, ONE_MORE(2 * next),
-                           COLUMNS(SECOND, NONE) AFTER(SECOND, NONE))
-                EACH_DWORD(from + (size_t)dwords * 4, part->w + next, , COLUMNS(NONE, NONE))
-            } else {
-                EACH_DWORD(from, part->w, , COLUMNS(NONE, NONE))
+                continue;
             }
+            /* Two columns, or the first and the last of three; then the middle one. */
+            EACH_DWORD(from, part->w, ONE_MORE(part->share == SHARE_ENDS ? 2 * next : next),
+                       COLUMNS(SECOND, NONE) AFTER(SECOND, NONE))
+            if (part->share == SHARE_ENDS)
+                EACH_DWORD(from + (size_t)dwords * 4, part->w + next, , COLUMNS(NONE, NONE))
         }
         finish_tile(&f, row, p);
         STORE_ALL
