@@ -114,6 +114,7 @@ void lull_exec_patches(const lull_task *t, unsigned x, unsigned y, unsigned n, u
     in.plane = points.plane[0];
     out.sums = (int32_t *)(void *)(scratch + points.offset[2]);
     out.plane = points.plane[2];
+    out.room = (int32_t *)(void *)(scratch + points.room);
     out.channels = layer->outputs;
     out.bias = (const int32_t *)(const void *)(base + packed->bias);
     out.multiplier = (const int32_t *)(const void *)(base + packed->multiplier);

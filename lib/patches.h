@@ -27,6 +27,9 @@
 #define LULL_PATCH_SHIFT 6u
 #define LULL_PATCH_LIMIT (1 << 25)
 
+/* What patches_out keeps between its two directions. */
+#define LULL_PATCH_ROOM (24u * LULL_PATCH_CHANNELS)
+
 #define LULL_PATCH_WIDE_SIDE 2u
 #define LULL_PATCH_WIDE_POINTS 16u
 #define LULL_PATCH_WIDE_MAX 8191
@@ -69,7 +72,7 @@ LULL_INLINE unsigned lull_patch_points(int is_wide)
  * that they see. A row points to the column left of the first patch.
  *
  * patches_out makes rows of codes from sums at the points, requantised as conv_int does
- * (kernels.h); it overwrites the sums. Sums at points where the weights of `phase` vanish count as
+ * (kernels.h). Sums at points where the weights of `phase` vanish count as
  * 0 and are not read. a = ((y + (1 << shift >> 1)) >> shift) + bias; the shift is for wide codes,
  * which know of nothing that follows. If is_pooled, the 2x2 maxima of rows 0 and 1, and
  * 2 and 3, go to out[0] and out[1]. If is_raw, it stores a itself, as int32_t, raw_step elements
@@ -80,6 +83,7 @@ typedef struct lull_patches {
     uint8_t *out[4];       /* out: [column][channel] */
     int16_t *points;       /* in: point k of patch p: points + k * plane + p * channels */
     int32_t *sums;         /* out: the same */
+    int32_t *room;         /* out: LULL_PATCH_ROOM elements of its own, but of wide codes */
     const int32_t *bias;   /* out, like the next two */
     const int32_t *multiplier;
     const int32_t *start; /* out */

@@ -323,6 +323,9 @@ size_t lull_plan_points(lull_points *points, const lull_plan *plan, unsigned l)
         points->plane[s] = plane / (s == 0 && !layer->is_winograd ? sizeof(int16_t) : 4);
         total += bytes[s] ? count[s] * plane : 0;
     }
+    points->room = total;
+    if (!layer->is_winograd && !lull_layer_has_wide_patches(&plan->model->graph, l))
+        total += LULL_PATCH_ROOM * sizeof(int32_t);
     return total;
 }
 

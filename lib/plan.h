@@ -105,6 +105,7 @@ unsigned lull_plan_rows(const lull_plan *plan, unsigned l);
  * pixels (1; plane: a row). */
 typedef struct lull_points {
     size_t offset[3], plane[3];
+    size_t room; /* offset of what patches_out has of its own */
 } lull_points;
 size_t lull_plan_points(lull_points *points, const lull_plan *plan, unsigned l);
 

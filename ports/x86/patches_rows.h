@@ -16,52 +16,62 @@
  *   put(&s, to, next, pixel, a)    requantises and stores the sums a[0] to a[3] of four pixels: two
  *                                  from `to` on, two from `next` on, `pixel` bytes apart
  *
- * Both directions of a patch are done one after the other; the buffer of points holds what the
- * first one makes, but of wide codes registers do. */
+ * Both directions of a patch are done one after the other; the points, and the room that
+ * patches_out is given, hold what the first one makes, but of wide codes registers do. */
 
-/* Six points of d, `step` apart. */
-LULL_INLINE void make_side(int16_t *to, size_t step, const words *d, unsigned n)
+/* Six points of d. */
+LULL_INLINE void make_side(words *point, const words *d)
 {
     words u = subw(d[4], d[2]), v = subw(d[3], d[1]);
     words e = subw(d[4], shlw(d[2], 2)), f = subw(d[3], shlw(d[1], 2));
     words twice = shlw(v, 1);
-    store_words(to, addw(shlw(subw(d[0], d[2]), 2), u), n);
-    store_words(to + step, addw(e, f), n);
-    store_words(to + 2 * step, subw(e, f), n);
-    store_words(to + 3 * step, addw(u, twice), n);
-    store_words(to + 4 * step, subw(u, twice), n);
-    store_words(to + 5 * step, subw(subw(d[5], d[3]), shlw(v, 2)), n);
+    point[0] = addw(shlw(subw(d[0], d[2]), 2), u);
+    point[1] = addw(e, f);
+    point[2] = subw(e, f);
+    point[3] = addw(u, twice);
+    point[4] = subw(u, twice);
+    point[5] = subw(subw(d[5], d[3]), shlw(v, 2));
 }
 
-/* Points of n channels of a patch: `at` is their place in the rows, in bytes. */
-LULL_INLINE void patch_in(const lull_patches *image, int16_t *points, size_t at, unsigned n)
+LULL_INLINE void store_side(int16_t *to, size_t step, const words *point, unsigned n)
 {
-    size_t plane = image->plane;
-    for (unsigned x = 0; x < 6; x++, at += image->channels) {
-        words d[6];
+    for (unsigned i = 0; i < 6; i++)
+        store_words(to + i * step, point[i], n);
+}
+
+/* Points of n channels of a patch: `at` is their place in the rows, in bytes. The last two columns
+ * are the first two of the next patch: the first direction of these is done once, for both. */
+LULL_INLINE void patch_in(const lull_patches *image, unsigned patch, unsigned c, unsigned n)
+{
+    size_t plane = image->plane, channels = image->channels;
+    size_t at = LULL_PATCH_SIDE * patch * channels + c;
+    int16_t *points = image->points + patch * channels + c;
+    int has_next = patch + 1 < image->patches;
+    words d[6], point[6];
+    for (unsigned x = patch ? 2 : 0; x < 6; x++) {
         for (unsigned y = 0; y < 6; y++)
-            d[y] = load_codes(image->row[y] + at, n);
-        make_side(points + x * plane, 6 * plane, d, n);
+            d[y] = load_codes(image->row[y] + at + x * channels, n);
+        make_side(point, d);
+        store_side(points + x * plane, 6 * plane, point, n);
+        if (x >= LULL_PATCH_SIDE && has_next)
+            store_side(points + channels + (x - LULL_PATCH_SIDE) * plane, 6 * plane, point, n);
     }
     for (unsigned y = 0; y < 6; y++, points += 6 * plane) {
-        words d[6];
         for (unsigned x = 0; x < 6; x++)
             d[x] = load_words(points + x * plane, n);
-        make_side(points, plane, d, n);
+        make_side(point, d);
+        store_side(points, plane, point, n);
     }
 }
 
 LULL_INLINE void points_in(const lull_patches *image)
 {
-    int16_t *points = image->points;
-    size_t at = 0;
-    for (unsigned p = 0; p < image->patches; p++, at += LULL_PATCH_SIDE * image->channels) {
+    for (unsigned p = 0; p < image->patches; p++) {
         unsigned c = 0;
         for (; c + WORDS <= image->channels; c += WORDS)
-            patch_in(image, points + c, at + c, WORDS);
+            patch_in(image, p, c, WORDS);
         if (c < image->channels)
-            patch_in(image, points + c, at + c, image->channels - c);
-        points += image->channels;
+            patch_in(image, p, c, image->channels - c);
     }
 }
 
@@ -129,25 +139,25 @@ LULL_INLINE void make_pixels(vec *y, const int32_t *t, size_t step, unsigned mis
         y[3] = add(y[3], shl(load(t + 5 * step), 2));
 }
 
-/* The first direction: four values in place of the six sums of each column. */
-LULL_INLINE void make_columns(int32_t *m, size_t plane, unsigned phase)
+/* The first direction: four values `to` for the six sums of each column. */
+LULL_INLINE void make_columns(int32_t *to, const int32_t *m, size_t plane, unsigned phase)
 {
     unsigned no_row = lull_patch_no_row(phase), no_column = lull_patch_no_column(phase);
-    for (unsigned x = 0; x < 6; x++, m += plane) {
+    for (unsigned x = 0; x < 6; x++, m += plane, to += LANES) {
         vec y[4];
         if (x == no_column)
             continue;
         make_pixels(y, m, 6 * plane, no_row);
         for (unsigned i = 0; i < 4; i++)
-            save(m + 6 * i * plane, y[i]);
+            save(to + 6 * i * LANES, y[i]);
     }
 }
 
 /* The second direction: sums of the four pixels of a row. */
-LULL_INLINE void make_row(vec *a, const lull_patches *image, const int32_t *m)
+LULL_INLINE void make_row(vec *a, const lull_patches *image, unsigned row)
 {
     vec y[4];
-    make_pixels(y, m, image->plane, lull_patch_no_column(image->phase));
+    make_pixels(y, image->room + 6 * row * LANES, LANES, lull_patch_no_column(image->phase));
     for (unsigned i = 0; i < 4; i++)
         a[i] = exact(y[i]);
 }
@@ -168,15 +178,15 @@ LULL_INLINE void save_raw(int32_t *to, size_t pixel, const vec *a)
 
 /* LANES outputs of a patch: its sums at m; `at`: place of its first pixel in the rows, in bytes (in
  * elements if image->is_raw); start: of that pixel. */
-LULL_INLINE void patch_out(const lull_patches *image, const scales *s, int32_t *m,
+LULL_INLINE void patch_out(const lull_patches *image, const scales *s, const int32_t *m,
                            const int32_t *start, size_t at)
 {
-    size_t plane = image->plane, pixel = image->channels * (image->out_max <= 255 ? (size_t)1 : 2);
-    make_columns(m, plane, image->phase);
+    size_t pixel = image->channels * (image->out_max <= 255 ? (size_t)1 : 2);
+    make_columns(image->room, m, image->plane, image->phase);
     if (!image->is_pooled) {
         for (unsigned y = 0; y < 4; y++) {
             vec a[4];
-            make_row(a, image, m + 6 * y * plane);
+            make_row(a, image, y);
             add_start(a, s, start ? start + y * image->start_row : NULL, image->channels);
             if (image->is_raw) {
                 save_raw((int32_t *)(void *)image->out[y] + at, image->raw_step, a);
@@ -188,8 +198,8 @@ LULL_INLINE void patch_out(const lull_patches *image, const scales *s, int32_t *
     }
     vec a[8], most4[4];
     for (unsigned y = 0; y < 2; y++) {
-        make_row(a, image, m + 12 * y * plane);
-        make_row(a + 4, image, m + (12 * y + 6) * plane);
+        make_row(a, image, 2 * y);
+        make_row(a + 4, image, 2 * y + 1);
         most4[2 * y] = most(most(a[0], a[1]), most(a[4], a[5]));
         most4[2 * y + 1] = most(most(a[2], a[3]), most(a[6], a[7]));
     }
@@ -217,23 +227,47 @@ LULL_INLINE void wide_out(const lull_patches *image, const scales *s, const int3
     put(s, image->out[0] + at, image->out[1] + at, pixel, a);
 }
 
+/* All patches of wide codes. */
+LULL_INLINE void wide_patches(const lull_patches *image, size_t size, size_t width)
+{
+    for (unsigned c = 0; c < image->channels; c += LANES) {
+        const int32_t *m = image->sums + c;
+        size_t at = c * size;
+        scales s;
+        scales_init(&s, image, c);
+        for (unsigned p = 0; p < image->patches; p++, m += image->channels, at += width)
+            wide_out(image, &s, m, at);
+    }
+}
+
+/* 16 outputs of all others, from `first` on: their sums are a line of the caches, which is then
+ * read once. */
+LULL_INLINE void narrow_patches(const lull_patches *image, unsigned first, size_t size,
+                                size_t width)
+{
+    const int32_t *m = image->sums + first, *start = image->start;
+    size_t at = first * size;
+    scales s[LULL_PATCH_CHANNELS / LANES];
+    for (unsigned i = 0; i < LULL_PATCH_CHANNELS / LANES; i++)
+        scales_init(&s[i], image, first + i * LANES);
+    for (unsigned p = 0; p < image->patches; p++, m += image->channels, at += width)
+        for (unsigned i = 0; i < LULL_PATCH_CHANNELS / LANES; i++)
+            patch_out(image, &s[i], m + i * LANES,
+                      start ? start + (size_t)p * LULL_PATCH_SIDE * image->channels + first +
+                                  i * LANES
+                            : NULL,
+                      at + i * LANES * size);
+}
+
 LULL_INLINE void patches_out(const lull_patches *image)
 {
     size_t size = image->out_max <= 255 || image->is_raw ? 1 : 2;
     size_t width = (image->is_raw ? image->raw_step : image->channels * size) *
                    (image->is_pooled ? 2u : lull_patch_side(image->is_wide));
-    for (unsigned c = 0; c < image->channels; c += LANES) {
-        int32_t *m = image->sums + c;
-        const int32_t *start = image->start;
-        size_t at = c * size;
-        scales s;
-        scales_init(&s, image, c);
-        for (unsigned p = 0; p < image->patches; p++, m += image->channels, at += width)
-            if (image->is_wide)
-                wide_out(image, &s, m, at);
-            else
-                patch_out(image, &s, m,
-                          start ? start + (size_t)p * LULL_PATCH_SIDE * image->channels + c : NULL,
-                          at);
+    if (image->is_wide) {
+        wide_patches(image, size, width);
+        return;
     }
+    for (unsigned c = 0; c < image->channels; c += LULL_PATCH_CHANNELS)
+        narrow_patches(image, c, size, width);
 }

@@ -316,7 +316,9 @@ static void run_patches_out(const lull_kernels *k)
     lull_patches image = {0};
     for (unsigned y = 0; y < LULL_PATCH_SIDE; y++)
         image.out[y] = bytes + 8 * y * PIXELS;
+    static int32_t room[LULL_PATCH_ROOM];
     image.sums = sums;
+    image.room = room;
     image.plane = plane_bytes(4 * CHANNELS * PATCHES) / 4;
     image.bias = bias;
     image.multiplier = multiplier;

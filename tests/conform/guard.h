@@ -13,6 +13,7 @@ enum {
     GUARD_BIAS = 12,
     GUARD_MULTIPLIER,
     GUARD_START,
+    GUARD_ROOM,
     GUARD_OUT,
     GUARD_COUNT
 };

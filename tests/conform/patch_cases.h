@@ -309,6 +309,8 @@ static void patches_out_case(unsigned channels, unsigned patches, int is_wide, i
     for (unsigned y = 0; y < (is_pooled || is_wide ? 2u : 4u); y++)
         w.out[y] = guard_place(GUARD_ROW + y, row_bytes, at_end);
     w.sums = sums;
+    if (!is_wide)
+        w.room = guard_place(GUARD_ROOM, LULL_PATCH_ROOM * sizeof *w.room, at_end);
     mode = caller_rounds();
     now.port->patches_out(&w);
     caller_goes_on(mode);
