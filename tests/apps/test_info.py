@@ -60,6 +60,15 @@ def test_built_in_weights(info, name, kmac):
     assert 1e6 < report["plan_minimum_bytes"] <= report["plan_bytes"] <= 40e6  # it was 0
 
 
+def test_memory_of_the_balanced_model(info, monkeypatch):
+    """At most 10 MB above the images, whichever port runs it (patches took 10.4)."""
+    for port in [p["name"] for p in info("--json").json["ports"] if p["available"]]:
+        monkeypatch.setenv("LULL_PORTS", port)
+        report = info(golden_int.ROOT / "weights" / "kernel5_16.tza", "--json").json["files"][0]
+        assert (report["width"], report["height"]) == (1920, 1080)
+        assert report["plan_bytes"] <= 10e6, port
+
+
 def test_shipped_models_are_told_without_files(info):
     """Each with the figures that its file gives, and memory for 1920x1080."""
     root = golden_int.ROOT / "weights"
