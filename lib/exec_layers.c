@@ -44,21 +44,23 @@ static void add_run(lull_conv *conv, const lull_plan *plan, unsigned tensor, int
 }
 
 /* The source of layer l around pixel (x, y): three rows of 3x3 taps, or, upsampled, the two rows of
- * the phase's 2x2 taps for the pixels x, x + 2, ... */
+ * the phase's 2x2 taps for the pixels x, x + 2, ...; of pairs, those of the next pixel, too. */
 static void add_source(lull_conv *conv, const lull_plan *plan, unsigned l, int x, int y)
 {
     const lull_layer *layer = &plan->model->graph.layer[l];
     const size_t *weights = plan->model->layer[l].weights;
     unsigned phase = 2 * ((unsigned)y & 1) + ((unsigned)x & 1);
-    int rows = lull_layer_is_up(layer) ? 2 : layer->op == LULL_OP_HEAD ? 1 : 3;
+    unsigned pair = (unsigned)plan->model->layer[l].has_pairs;
+    int is_up = lull_layer_is_up(layer);
+    int rows = is_up ? 2 : layer->op == LULL_OP_HEAD ? 1 : 3;
     int before = rows == 1 ? 0 : 1;
-    if (lull_layer_is_up(layer)) {
+    if (is_up) {
         x = (x + 1) / 2;
         y = (y + 1) / 2;
     }
     for (int dy = 0; dy < rows; dy++)
-        add_run(conv, plan, layer->source[0], y - before + dy, x - before, (unsigned)rows, 1,
-                weights[lull_pack_block(layer, phase, (unsigned)dy)]);
+        add_run(conv, plan, layer->source[0], y - before + dy, x - before, (unsigned)rows + pair,
+                pair && !is_up ? 2 : 1, weights[lull_pack_block(layer, phase, (unsigned)dy)]);
 }
 
 /* The skip of layer l around the pixels x, x + stride, ... of row y. */
@@ -69,12 +71,14 @@ static void add_skip(lull_conv *conv, const lull_plan *plan, unsigned l, int x, 
     if (layer->source[1] == LULL_TENSOR_NONE || layer->op == LULL_OP_HEAD)
         return;
     for (int dy = 0; dy < 3; dy++)
-        add_run(conv, plan, layer->source[1], y - 1 + dy, x - 1, 3, stride,
+        add_run(conv, plan, layer->source[1], y - 1 + dy, x - 1,
+                3u + (unsigned)plan->model->layer[l].has_pairs, stride,
                 plan->model->layer[l].weights[LULL_PACK_SKIP + dy]);
 }
 
-/* Columns [x, x+n) of row y of a layer's convolution; x and n even if the source is upsampled.
- * start: NULL, or the bias and what the sources in patches add, for each pixel. */
+/* Columns [x, x+n) of row y of a layer's convolution; x and n even if the source is upsampled or
+ * pixels come in pairs. start: NULL, or the bias and what the sources in patches add, for each
+ * pixel. */
 static void conv_row(const lull_plan *plan, unsigned l, uint8_t *out, const int32_t *start,
                      unsigned x, unsigned y, unsigned n)
 {
@@ -85,7 +89,8 @@ static void conv_row(const lull_plan *plan, unsigned l, uint8_t *out, const int3
                      plan->ring[layer->source[1]].dtype == LULL_DTYPE_U15;
     int has_source = !start || !(layer->has_patches & 1);
     int has_skip = !start || !(layer->has_patches & 2);
-    unsigned phases = lull_layer_is_up(layer) ? 2 : 1;
+    unsigned stride = packed->has_pairs || lull_layer_is_up(layer) ? 2 : 1; /* pixels of a call */
+    unsigned phases = packed->has_pairs ? 1 : stride;
     void (*kernel)(const lull_conv *) = !plan->model->graph.is_integer ? kernels->conv_f32
                                         : lull_pack_is_int3(&plan->model->graph, kernels, l)
                                             ? kernels->conv_int3
@@ -98,20 +103,20 @@ static void conv_row(const lull_plan *plan, unsigned l, uint8_t *out, const int3
     conv.out_max = (int32_t)lull_graph_max(&plan->model->graph, l + 1);
     conv.is_small = packed->is_small;
     conv.least = 0.0f;
-    conv.outputs = layer->outputs;
-    conv.out_step = (size_t)phases * layer->outputs;
-    conv.pixels = n / phases;
+    conv.outputs = stride / phases * layer->outputs;
+    conv.out_step = (size_t)stride * layer->outputs;
+    conv.pixels = n / stride;
     conv.start_step = conv.out_step;
     for (unsigned phase = 0; phase < phases; phase++) {
         conv.out = out + phase * lull_ring_pixel(&plan->ring[l + 1]);
         conv.start = start ? start + phase * layer->outputs : NULL;
         conv.segments = conv.wide = 0;
         if (skip_first && has_skip)
-            add_skip(&conv, plan, l, (int)(x + phase), (int)y, phases);
+            add_skip(&conv, plan, l, (int)(x + phase), (int)y, stride);
         if (has_source)
             add_source(&conv, plan, l, (int)(x + phase), (int)y);
         if (!skip_first && has_skip)
-            add_skip(&conv, plan, l, (int)(x + phase), (int)y, phases);
+            add_skip(&conv, plan, l, (int)(x + phase), (int)y, stride);
         kernel(&conv);
     }
 }

@@ -18,6 +18,7 @@ typedef struct block {
     unsigned first;   /* tensor's row of output 0 */
     unsigned columns; /* taps in a row of the kernel: 3, or 2 of a phase kernel */
     unsigned row;     /* of the kernel */
+    uint8_t pair;     /* outputs of one pixel of a pair, 0: they are not in pairs */
     uint8_t fold;     /* 1: sum the taps of a 3x3 kernel for phase_x, phase_y */
     uint8_t phase_x, phase_y;
 } block;
@@ -65,9 +66,36 @@ static int describe(block *b, const lull_graph *graph, unsigned l, unsigned inde
     return 1;
 }
 
+/* Makes a block of pairs of pixels: the outputs of the left one, then those of the right one, which
+ * sees the run from its second column on. 0 if another phase's block has it. */
+static int pair_up(block *b)
+{
+    b->pair = (uint8_t)b->outputs;
+    b->outputs *= 2;
+    b->columns++;
+    return !b->phase_x;
+}
+
+static float tap(const block *b, unsigned o, unsigned k);
+
+static float pair_tap(const block *b, unsigned o, unsigned k)
+{
+    block one = *b;
+    unsigned right = o >= b->pair, column = k / b->inputs;
+    one.pair = 0;
+    one.columns = b->columns - 1;
+    if (column < right || column - right >= one.columns)
+        return 0.0f;
+    if (one.columns == 2) /* the next phase */
+        one.first += right * b->pair;
+    return tap(&one, o - right * b->pair, k - right * b->inputs);
+}
+
 /* Tap of output o on element k of a run (columns outer, channels inner). */
 static float tap(const block *b, unsigned o, unsigned k)
 {
+    if (b->pair)
+        return pair_tap(b, o, k);
     unsigned column = k / b->inputs, side = b->fold ? 3 : b->columns;
     size_t at = ((size_t)(b->first + o) * b->weight->dims[1] + b->offset + k % b->inputs) * side;
     float sum = 0;
@@ -243,6 +271,17 @@ int lull_pack_is_int3(const lull_graph *graph, const lull_kernels *kernels, unsi
     return graph->is_integer && graph->layer[l].outputs == 3 && !kernels->splits_wide;
 }
 
+/* 1 if layer l is made in pairs of pixels: two of them fit a weight block, and pairs of narrow
+ * weights stay together. */
+static int has_pairs(const lull_graph *graph, const lull_kernels *kernels, unsigned l)
+{
+    const lull_layer *layer = &graph->layer[l];
+    return graph->is_integer && layer->op == LULL_OP_CONV && layer->level < graph->levels &&
+           2 * layer->outputs <= kernels->block_int && !kernels->splits_wide &&
+           !lull_pack_is_int3(graph, kernels, l) && lull_layer_inputs(graph, layer, 0) % 2 == 0 &&
+           lull_layer_inputs(graph, layer, 1) % 2 == 0;
+}
+
 /* Outputs in a weight block of layer l. */
 static unsigned lanes_of(const lull_graph *graph, const lull_kernels *kernels, unsigned l)
 {
@@ -298,8 +337,9 @@ static size_t layout(lull_packed_layer *packed, const lull_graph *graph,
         return total;
     if (graph->layer[l].is_winograd)
         layout_winograd(packed, graph, l, outputs, &total);
+    packed->has_pairs = has_pairs(graph, kernels, l);
     for (unsigned i = 0; i < LULL_PACK_BLOCKS; i++)
-        if (describe(&b, graph, l, i, &none))
+        if (describe(&b, graph, l, i, &none) && (!packed->has_pairs || pair_up(&b)))
             packed->weights[i] =
                 lull_append(&total, (is_split(&b, kernels) + 1) * outputs * 4 *
                                         lull_pack_length(b.dtype, b.columns * b.inputs));
@@ -343,15 +383,17 @@ static void pack_layer(lull_model *model, unsigned l, const lull_tza *tza)
                                        lull_layer_has_wide_patches(&model->graph, l));
     }
     for (unsigned i = 0; i < LULL_PACK_BLOCKS; i++)
-        if (describe(&b, &model->graph, l, i, &tensors)) {
+        if (describe(&b, &model->graph, l, i, &tensors) &&
+            (!packed->has_pairs || pair_up(&b))) {
             unsigned split = is_split(&b, &model->kernels) ? 2 : 0;
             uint8_t *end = write_block(base + packed->weights[i], &b, lanes, split);
             if (split)
                 write_block(end, &b, lanes, 1);
         }
     for (unsigned o = 0; o < lull_align_up(layer->outputs, lanes); o++) {
-        int is_there = o < layer->outputs;
-        unsigned at = layer->first + o;
+        int is_right = packed->has_pairs && o >= layer->outputs;
+        int is_there = o < (unsigned)(1 + packed->has_pairs) * layer->outputs;
+        unsigned at = layer->first + o - (is_right ? layer->outputs : 0);
         float bias = is_there ? lull_tza_float(&tensors.bias, at) : 0.0f;
         int32_t words[2] = {0, 0};
         if (model->graph.is_integer && is_there) {
