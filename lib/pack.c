@@ -271,8 +271,8 @@ int lull_pack_is_int3(const lull_graph *graph, const lull_kernels *kernels, unsi
     return graph->is_integer && graph->layer[l].outputs == 3 && !kernels->splits_wide;
 }
 
-/* 1 if layer l is made in pairs of pixels: two of them fit a weight block, and pairs of narrow
- * weights stay together. */
+/* 1 if layer l is made in pairs of pixels: two of them fit a weight block, rows have an even number
+ * of them, and pairs of narrow weights stay together. */
 static int has_pairs(const lull_graph *graph, const lull_kernels *kernels, unsigned l)
 {
     const lull_layer *layer = &graph->layer[l];

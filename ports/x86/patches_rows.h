@@ -39,8 +39,8 @@ LULL_INLINE void store_side(int16_t *to, size_t step, const words *point, unsign
         store_words(to + i * step, point[i], n);
 }
 
-/* Points of n channels of a patch: `at` is their place in the rows, in bytes. The last two columns
- * are the first two of the next patch: the first direction of these is done once, for both. */
+/* Points of n channels of a patch, from channel c on. The last two columns are the first two of the
+ * next patch: the first direction of these is done once, for both. */
 LULL_INLINE void patch_in(const lull_patches *image, unsigned patch, unsigned c, unsigned n)
 {
     size_t plane = image->plane, channels = image->channels;
