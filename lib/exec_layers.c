@@ -43,14 +43,14 @@ static void add_run(lull_conv *conv, const lull_plan *plan, unsigned tensor, int
         conv->wide = conv->segments;
 }
 
-/* The source of layer l around pixel (x, y): three rows of 3x3 taps, or, upsampled, the two rows of
- * the phase's 2x2 taps for the pixels x, x + 2, ...; of pairs, those of the next pixel, too. */
-static void add_source(lull_conv *conv, const lull_plan *plan, unsigned l, int x, int y)
+/* The source of layer l around the pixels x, x + stride, ... of row y: three rows of 3x3 taps, or,
+ * upsampled, the two rows of the phase's 2x2 taps; of pairs, those of the next pixel, too. */
+static void add_source(lull_conv *conv, const lull_plan *plan, unsigned l, int x, int y,
+                       unsigned stride)
 {
     const lull_layer *layer = &plan->model->graph.layer[l];
     const size_t *weights = plan->model->layer[l].weights;
     unsigned phase = 2 * ((unsigned)y & 1) + ((unsigned)x & 1);
-    unsigned pair = (unsigned)plan->model->layer[l].has_pairs;
     int is_up = lull_layer_is_up(layer);
     int rows = is_up ? 2 : layer->op == LULL_OP_HEAD ? 1 : 3;
     int before = rows == 1 ? 0 : 1;
@@ -59,8 +59,9 @@ static void add_source(lull_conv *conv, const lull_plan *plan, unsigned l, int x
         y = (y + 1) / 2;
     }
     for (int dy = 0; dy < rows; dy++)
-        add_run(conv, plan, layer->source[0], y - before + dy, x - before, (unsigned)rows + pair,
-                pair && !is_up ? 2 : 1, weights[lull_pack_block(layer, phase, (unsigned)dy)]);
+        add_run(conv, plan, layer->source[0], y - before + dy, x - before,
+                (unsigned)rows + plan->model->layer[l].has_pairs, is_up ? 1 : stride,
+                weights[lull_pack_block(layer, phase, (unsigned)dy)]);
 }
 
 /* The skip of layer l around the pixels x, x + stride, ... of row y. */
@@ -72,7 +73,7 @@ static void add_skip(lull_conv *conv, const lull_plan *plan, unsigned l, int x, 
         return;
     for (int dy = 0; dy < 3; dy++)
         add_run(conv, plan, layer->source[1], y - 1 + dy, x - 1,
-                3u + (unsigned)plan->model->layer[l].has_pairs, stride,
+                3 + plan->model->layer[l].has_pairs, stride,
                 plan->model->layer[l].weights[LULL_PACK_SKIP + dy]);
 }
 
@@ -89,7 +90,7 @@ static void conv_row(const lull_plan *plan, unsigned l, uint8_t *out, const int3
                      plan->ring[layer->source[1]].dtype == LULL_DTYPE_U15;
     int has_source = !start || !(layer->has_patches & 1);
     int has_skip = !start || !(layer->has_patches & 2);
-    unsigned stride = packed->has_pairs || lull_layer_is_up(layer) ? 2 : 1; /* pixels of a call */
+    unsigned stride = packed->has_pairs || lull_layer_is_up(layer) ? 2 : 1;
     unsigned phases = packed->has_pairs ? 1 : stride;
     void (*kernel)(const lull_conv *) = !plan->model->graph.is_integer ? kernels->conv_f32
                                         : lull_pack_is_int3(&plan->model->graph, kernels, l)
@@ -103,7 +104,7 @@ static void conv_row(const lull_plan *plan, unsigned l, uint8_t *out, const int3
     conv.out_max = (int32_t)lull_graph_max(&plan->model->graph, l + 1);
     conv.is_small = packed->is_small;
     conv.least = 0.0f;
-    conv.outputs = stride / phases * layer->outputs;
+    conv.outputs = (unsigned)layer->outputs << packed->has_pairs;
     conv.out_step = (size_t)stride * layer->outputs;
     conv.pixels = n / stride;
     conv.start_step = conv.out_step;
@@ -114,7 +115,7 @@ static void conv_row(const lull_plan *plan, unsigned l, uint8_t *out, const int3
         if (skip_first && has_skip)
             add_skip(&conv, plan, l, (int)(x + phase), (int)y, stride);
         if (has_source)
-            add_source(&conv, plan, l, (int)(x + phase), (int)y);
+            add_source(&conv, plan, l, (int)(x + phase), (int)y, stride);
         if (!skip_first && has_skip)
             add_skip(&conv, plan, l, (int)(x + phase), (int)y, stride);
         kernel(&conv);

@@ -18,7 +18,7 @@ typedef struct block {
     unsigned first;   /* tensor's row of output 0 */
     unsigned columns; /* taps in a row of the kernel: 3, or 2 of a phase kernel */
     unsigned row;     /* of the kernel */
-    uint8_t pair;     /* outputs of one pixel of a pair, 0: they are not in pairs */
+    unsigned has_pairs; /* lull_packed_layer's; `columns` and `outputs` are those of one pixel */
     uint8_t fold;     /* 1: sum the taps of a 3x3 kernel for phase_x, phase_y */
     uint8_t phase_x, phase_y;
 } block;
@@ -66,36 +66,22 @@ static int describe(block *b, const lull_graph *graph, unsigned l, unsigned inde
     return 1;
 }
 
-/* Makes a block of pairs of pixels: the outputs of the left one, then those of the right one, which
- * sees the run from its second column on. 0 if another phase's block has it. */
-static int pair_up(block *b)
+/* The same of a block as it is packed: of pairs, blocks of even x hold those of odd x, too. */
+static int describe_packed(block *b, const lull_packed_layer *packed, const lull_graph *graph,
+                           unsigned l, unsigned index, const lull_layer_tensors *tensors)
 {
-    b->pair = (uint8_t)b->outputs;
-    b->outputs *= 2;
-    b->columns++;
-    return !b->phase_x;
+    if (!describe(b, graph, l, index, tensors))
+        return 0;
+    b->has_pairs = packed->has_pairs;
+    return !b->has_pairs || !b->phase_x;
 }
 
-static float tap(const block *b, unsigned o, unsigned k);
-
-static float pair_tap(const block *b, unsigned o, unsigned k)
-{
-    block one = *b;
-    unsigned right = o >= b->pair, column = k / b->inputs;
-    one.pair = 0;
-    one.columns = b->columns - 1;
-    if (column < right || column - right >= one.columns)
-        return 0.0f;
-    if (one.columns == 2) /* the next phase */
-        one.first += right * b->pair;
-    return tap(&one, o - right * b->pair, k - right * b->inputs);
-}
+/* Elements of a packed block's run. */
+static unsigned run_of(const block *b) { return (b->columns + b->has_pairs) * b->inputs; }
 
 /* Tap of output o on element k of a run (columns outer, channels inner). */
 static float tap(const block *b, unsigned o, unsigned k)
 {
-    if (b->pair)
-        return pair_tap(b, o, k);
     unsigned column = k / b->inputs, side = b->fold ? 3 : b->columns;
     size_t at = ((size_t)(b->first + o) * b->weight->dims[1] + b->offset + k % b->inputs) * side;
     float sum = 0;
@@ -106,6 +92,19 @@ static float tap(const block *b, unsigned o, unsigned k)
              x++)
             sum += lull_tza_float(b->weight, (at + y) * side + x);
     return sum;
+}
+
+/* Weight of output o of a packed block on element k of its run. Outputs of a right pixel come
+ * after those of the left one, and see the run from its second column on. */
+static float weight_of(const block *b, unsigned o, unsigned k)
+{
+    unsigned is_right = o >= b->outputs;
+    if (o >= b->outputs << b->has_pairs || k < is_right * b->inputs ||
+        k - is_right * b->inputs >= b->columns * b->inputs)
+        return 0.0f;
+    if (is_right && b->columns == 3) /* the same taps; else the tensor's next rows, a phase's */
+        o -= b->outputs;
+    return tap(b, o, k - is_right * b->inputs);
 }
 
 /* Elements that a kernel multiplies at once: one float, or a dword of integers. */
@@ -138,15 +137,13 @@ static void put(uint8_t *out, lull_dtype dtype, float value, unsigned split)
  * Returns the end. */
 static uint8_t *write_block(uint8_t *out, const block *b, unsigned lanes, unsigned split)
 {
-    unsigned elements = b->columns * b->inputs, together = group(b->dtype);
-    unsigned length = lull_pack_length(b->dtype, elements);
+    unsigned together = group(b->dtype), length = lull_pack_length(b->dtype, run_of(b));
     size_t bytes = 4 / together;
     for (unsigned first = 0; first < b->outputs; first += lanes)
         for (unsigned k = 0; k < length * together; k += together)
             for (unsigned o = first; o < first + lanes; o++)
                 for (unsigned i = k; i < k + together; i++, out += bytes)
-                    put(out, b->dtype, o < b->outputs && i < elements ? tap(b, o, i) : 0.0f,
-                        split);
+                    put(out, b->dtype, weight_of(b, o, i), split);
     return out;
 }
 
@@ -339,10 +336,10 @@ static size_t layout(lull_packed_layer *packed, const lull_graph *graph,
         layout_winograd(packed, graph, l, outputs, &total);
     packed->has_pairs = has_pairs(graph, kernels, l);
     for (unsigned i = 0; i < LULL_PACK_BLOCKS; i++)
-        if (describe(&b, graph, l, i, &none) && (!packed->has_pairs || pair_up(&b)))
+        if (describe_packed(&b, packed, graph, l, i, &none))
             packed->weights[i] =
                 lull_append(&total, (is_split(&b, kernels) + 1) * outputs * 4 *
-                                        lull_pack_length(b.dtype, b.columns * b.inputs));
+                                        lull_pack_length(b.dtype, run_of(&b)));
     packed->bias = lull_append(&total, outputs * 4);
     if (graph->is_integer)
         packed->multiplier = lull_append(&total, outputs * 4);
@@ -383,17 +380,15 @@ static void pack_layer(lull_model *model, unsigned l, const lull_tza *tza)
                                        lull_layer_has_wide_patches(&model->graph, l));
     }
     for (unsigned i = 0; i < LULL_PACK_BLOCKS; i++)
-        if (describe(&b, &model->graph, l, i, &tensors) &&
-            (!packed->has_pairs || pair_up(&b))) {
+        if (describe_packed(&b, packed, &model->graph, l, i, &tensors)) {
             unsigned split = is_split(&b, &model->kernels) ? 2 : 0;
             uint8_t *end = write_block(base + packed->weights[i], &b, lanes, split);
             if (split)
                 write_block(end, &b, lanes, 1);
         }
     for (unsigned o = 0; o < lull_align_up(layer->outputs, lanes); o++) {
-        int is_right = packed->has_pairs && o >= layer->outputs;
-        int is_there = o < (unsigned)(1 + packed->has_pairs) * layer->outputs;
-        unsigned at = layer->first + o - (is_right ? layer->outputs : 0);
+        int is_there = o < (unsigned)layer->outputs << packed->has_pairs;
+        unsigned at = layer->first + o % layer->outputs;
         float bias = is_there ? lull_tza_float(&tensors.bias, at) : 0.0f;
         int32_t words[2] = {0, 0};
         if (model->graph.is_integer && is_there) {

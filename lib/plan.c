@@ -7,7 +7,7 @@
 #define TASK_BYTES (192u << 10)
 #define WINOGRAD_TASK_BYTES (320u << 10) /* likewise the points of a task */
 #define WIDE_TASK_BYTES (160u << 10)     /* and those of wide codes */
-#define NARROW_TASK_BYTES (64u << 10)    /* and those of patches of family K, which is as fast */
+#define NARROW_TASK_BYTES (64u << 10)    /* and those of patches of family K: as fast as more */
 #define CHUNK_STEP 24u /* columns of a task are multiples of this: even, and whole kernel tiles */
 #define BORDER 2u      /* pixels of zeros beside a row; on the left aligned, see lull_ring_left */
 #define ROW_SLACK 16u  /* readable bytes after a row's right border */
@@ -284,6 +284,15 @@ static void planes_of(unsigned count[3], size_t bytes[3], const lull_plan *plan,
         patch_planes(count, bytes, plan, l, columns);
 }
 
+/* Bytes of points that a task of layer l should have. */
+static unsigned points_bytes(const lull_graph *graph, unsigned l)
+{
+    if (lull_layer_has_wide_patches(graph, l))
+        return WIDE_TASK_BYTES;
+    return graph->is_integer && graph->family == LULL_FAMILY_K ? NARROW_TASK_BYTES
+                                                               : WINOGRAD_TASK_BYTES;
+}
+
 unsigned lull_plan_chunk(const lull_plan *plan, unsigned l)
 {
     const lull_graph *graph = &plan->model->graph;
@@ -301,10 +310,7 @@ unsigned lull_plan_chunk(const lull_plan *plan, unsigned l)
         planes_of(planes, bytes, plan, l, step / 12);
         for (unsigned i = 0; i < 3; i++)
             patch += planes[i] * (unsigned)bytes[i];
-        most = lull_layer_has_wide_patches(graph, l)                     ? WIDE_TASK_BYTES
-               : graph->is_integer && graph->family == LULL_FAMILY_K ? NARROW_TASK_BYTES
-                                                                     : WINOGRAD_TASK_BYTES;
-        most = lull_max_u(most / 12 / patch, 1) * step;
+        most = lull_max_u(points_bytes(graph, l) / 12 / patch, 1) * step;
         count = (width + most - 1) / most;
         rows = lull_max_u(rows / (lull_plan_rows(plan, l) << layer->pool), 1);
     }

@@ -227,7 +227,7 @@ LULL_INLINE void wide_out(const lull_patches *image, const scales *s, const int3
     put(s, image->out[0] + at, image->out[1] + at, pixel, a);
 }
 
-/* All patches of wide codes. */
+/* All patches of wide codes, one vector of outputs after the other: registers hold its scales. */
 LULL_INLINE void wide_patches(const lull_patches *image, size_t size, size_t width)
 {
     for (unsigned c = 0; c < image->channels; c += LANES) {
@@ -245,18 +245,19 @@ LULL_INLINE void wide_patches(const lull_patches *image, size_t size, size_t wid
 LULL_INLINE void narrow_patches(const lull_patches *image, unsigned first, size_t size,
                                 size_t width)
 {
-    const int32_t *m = image->sums + first, *start = image->start;
+    const int32_t *m = image->sums + first;
+    const int32_t *start = image->start ? image->start + first : NULL;
     size_t at = first * size;
     scales s[LULL_PATCH_CHANNELS / LANES];
     for (unsigned i = 0; i < LULL_PATCH_CHANNELS / LANES; i++)
         scales_init(&s[i], image, first + i * LANES);
-    for (unsigned p = 0; p < image->patches; p++, m += image->channels, at += width)
+    for (unsigned p = 0; p < image->patches; p++, m += image->channels, at += width) {
         for (unsigned i = 0; i < LULL_PATCH_CHANNELS / LANES; i++)
-            patch_out(image, &s[i], m + i * LANES,
-                      start ? start + (size_t)p * LULL_PATCH_SIDE * image->channels + first +
-                                  i * LANES
-                            : NULL,
+            patch_out(image, &s[i], m + i * LANES, start ? start + i * LANES : NULL,
                       at + i * LANES * size);
+        if (start)
+            start += LULL_PATCH_SIDE * image->channels;
+    }
 }
 
 LULL_INLINE void patches_out(const lull_patches *image)

@@ -313,10 +313,10 @@ static void run_patches_in(const lull_kernels *k)
 static void run_patches_out(const lull_kernels *k)
 {
     static const int32_t bias[CHANNELS], multiplier[CHANNELS];
+    static int32_t room[LULL_PATCH_ROOM];
     lull_patches image = {0};
     for (unsigned y = 0; y < LULL_PATCH_SIDE; y++)
         image.out[y] = bytes + 8 * y * PIXELS;
-    static int32_t room[LULL_PATCH_ROOM];
     image.sums = sums;
     image.room = room;
     image.plane = plane_bytes(4 * CHANNELS * PATCHES) / 4;
