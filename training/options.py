@@ -105,6 +105,8 @@ OPTIONS = (
     _o("--ema", "T", 0.999, "decay of the averaged weights; 0: none", **FLOAT),
     _o("--grad_clip", "T", None, "largest norm of the gradient; 0: any", **FLOAT),
     _o("--init", "T", None, "start from the weights of a result, or of a .pt or .tza (or int8)"),
+    _o("--teacher", "T", None, "a result, or a .pt or .tza (or int8), whose results are learnt"),
+    _o("--teacher_share", "T", 0.8, "how far targets are moved to the teacher's results", **FLOAT),
     _o("--quantize_aware", "T", 0, "then train the integer model for this many steps", **INT),
     _o("--quantize_rate", "T", 0.02, "its learning rate, in steps of weights", **FLOAT),
     _o("--exposure_jitter", "TL", 0.0, "random exposure of hdr tiles, +- stops", **FLOAT),

@@ -40,6 +40,7 @@ from training.scan import scan
 from training.schedule import Plan, one_cycle
 from training.settings import Settings, parse, unique_id
 from training.store import find_stored, read_pictures
+from training.teacher import Teacher
 from training.validate import Board, validate
 
 # Settings that a resumed training may change; all others must be as they were.
@@ -81,6 +82,7 @@ def worker(settings: Settings, team: parallel.Team) -> None:
     ema = [p.detach().clone() for p in params] if settings.ema > 0 else []
     optimizer = Optimizer(params, settings.learning_rate, settings.optimizer)
     loss_of = make_loss(settings.loss, settings.msssim_weights)
+    teacher = Teacher(settings, team.device) if settings.get("teacher") else None
     run = parallel.compiled(model, settings, team)
     mixed = parallel.Mixed(settings, team)
     channels = Channels(model)
@@ -129,10 +131,12 @@ def worker(settings: Settings, team: parallel.Team) -> None:
             # One step.
             x = x.to(team.device)
             y = y.to(team.device)
+            factor = balance(x, y, settings.balance) if settings.balance else None
             with mixed.autocast():
+                if teacher:
+                    y = teacher.target(x, y, step)
                 out = run(x)
-                if settings.balance:
-                    factor = balance(x, y, settings.balance)
+                if factor is not None:
                     out, y = out * factor, y * factor
                 loss = loss_of(out, y)
             optimizer.zero_grad()
