@@ -1,6 +1,4 @@
 /* Rows of the caller's images to rows of the network and back. */
-#include <float.h>
-
 #include "exec.h"
 #include "filter.h"
 #include "image.h"
@@ -105,26 +103,6 @@ static void load_direct(const lull_task *t, float *block, unsigned x, unsigned y
     }
 }
 
-/* Whether a colour counts as 0 in all channels (docs/kernel-prediction.md). */
-static int is_black(const float *rgb)
-{
-    return !(rgb[0] > FLT_MIN || rgb[1] > FLT_MIN || rgb[2] > FLT_MIN);
-}
-
-/* n pixels of albedo with white for black: in place, or copied to `block` if one is black. */
-static const float *without_black(const float *pixels, float *block, unsigned n)
-{
-    for (unsigned i = 0; i < 3 * n; i += 3) {
-        if (!is_black(pixels + i))
-            continue;
-        if (pixels != block)
-            memcpy(block, pixels, 3 * n * sizeof *block);
-        pixels = block;
-        block[i] = block[i + 1] = block[i + 2] = 1.0f;
-    }
-    return pixels;
-}
-
 /* n pixels of an auxiliary image of family K: in place, or copied to `block`. NULL if there are
  * none: after the main image, in the order of the bits. */
 static const float *aux_pixels(const lull_task *t, unsigned feature, float *block, unsigned x,
@@ -138,8 +116,7 @@ static const float *aux_pixels(const lull_task *t, unsigned feature, float *bloc
     pixels = lull_image_floats(image, frame->width, x, y);
     if (!pixels)
         lull_image_load(block, image, frame->width, x, y, n);
-    pixels = pixels ? pixels : block;
-    return feature == 1 ? without_black(pixels, block, n) : pixels;
+    return pixels ? pixels : block;
 }
 
 /* n pixels of the main image. What the kernels cannot do is done before, in `block`. */

@@ -60,8 +60,21 @@ LULL_INLINE vec sane_radiance(vec v, const lull_encoding *from)
     return low(v, set(from->most));
 }
 
-/* Albedo; what is below 2^-126 does not matter to its code. */
-LULL_INLINE vec clamped(vec v) { return low(high(v, set(0.0f)), set(1.0f)); }
+LULL_INLINE vec sane_albedo(vec v)
+{
+    return low(above(high(v, set(0.0f)), 0x00800000), set(1.0f));
+}
+
+/* Albedo of n pixels at p, sanitised: where there is none, white. */
+LULL_INLINE void load_albedo(const float *p, unsigned n, vec *a)
+{
+    vec sum;
+    split(p, n, &a[0], &a[1], &a[2]);
+    a[0] = sane_albedo(a[0]), a[1] = sane_albedo(a[1]), a[2] = sane_albedo(a[2]);
+    sum = add(add(a[0], a[1]), a[2]);
+    for (unsigned c = 0; c < 3; c++)
+        a[c] = choose(sum, a[c], set(1.0f));
+}
 
 LULL_INLINE ivec radiance_code(const lull_encoding *from, vec r, vec albedo)
 {
@@ -86,17 +99,16 @@ LULL_INLINE ivec dword(ivec a, ivec b, ivec c, ivec d)
 LULL_INLINE void encode_block(uint8_t *codes, const lull_encoding *from, size_t p, unsigned n)
 {
     const ivec zero = set_int(0), middle = set_int(128);
-    vec r, g, b, v, w, x;
+    vec r, g, b, v[3];
     ivec a[3] = {zero, zero, zero}, m[3] = {middle, middle, middle}, d0, d1, d2;
-    v = w = x = set(1.0f - LULL_FILTER_EPSILON);
+    v[0] = v[1] = v[2] = set(1.0f - LULL_FILTER_EPSILON);
     if (from->albedo) {
-        split(from->albedo + 3 * p, n, &v, &w, &x);
-        v = clamped(v), w = clamped(w), x = clamped(x);
-        a[0] = albedo_code(v), a[1] = albedo_code(w), a[2] = albedo_code(x);
+        load_albedo(from->albedo + 3 * p, n, v);
+        a[0] = albedo_code(v[0]), a[1] = albedo_code(v[1]), a[2] = albedo_code(v[2]);
     }
     split(from->radiance + 3 * p, n, &r, &g, &b);
-    d0 = dword(radiance_code(from, r, v), radiance_code(from, g, w), radiance_code(from, b, x),
-               a[0]);
+    d0 = dword(radiance_code(from, r, v[0]), radiance_code(from, g, v[1]),
+               radiance_code(from, b, v[2]), a[0]);
     if (from->normal) {
         split(from->normal + 3 * p, n, &r, &g, &b);
         m[0] = normal_code(r), m[1] = normal_code(g), m[2] = normal_code(b);
@@ -114,19 +126,13 @@ void NAME(encode)(uint8_t *codes, const lull_encoding *from, unsigned pixels){
 
 /* ---- Radiance -------------------------------------------------------------------------------- */
 
-LULL_INLINE vec sane_albedo(vec v)
-{
-    return low(above(high(v, set(0.0f)), 0x00800000), set(1.0f));
-}
-
 LULL_INLINE void spread_block(float *out, size_t plane, const float *albedo, unsigned n)
 {
-    vec r, g, b;
-    split(albedo, n, &r, &g, &b);
+    vec a[3];
+    load_albedo(albedo, n, a);
     store_n(out, set(1.0f), n);
-    store_n(out + plane, sane_albedo(r), n);
-    store_n(out + 2 * plane, sane_albedo(g), n);
-    store_n(out + 3 * plane, sane_albedo(b), n);
+    for (unsigned c = 0; c < 3; c++)
+        store_n(out + (1 + c) * plane, a[c], n);
 }
 
 void NAME(spread)(float *out, size_t plane, const float *albedo, unsigned pixels){

@@ -24,15 +24,26 @@ static float radiance_at(const lull_encoding *from, size_t i)
     return lull_sane(from->radiance[i], from->scale, 0.0f, from->most);
 }
 
+/* Albedo of a pixel, sanitised: where there is none, white. */
+static void get_albedo(float *a, const float *pixel)
+{
+    for (unsigned c = 0; c < 3; c++)
+        a[c] = lull_sane(pixel[c], 1.0f, 0.0f, 1.0f);
+    if (!(a[0] + a[1] + a[2] > 0.0f))
+        a[0] = a[1] = a[2] = 1.0f;
+}
+
 void lull_encode_scalar(uint8_t *codes, const lull_encoding *from, unsigned pixels)
 {
-    const float *albedo = from->albedo, *normal = from->normal;
+    const float *albedo = from->albedo, *normal = from->normal, none = 1.0f - LULL_FILTER_EPSILON;
     for (size_t i = 0; i < pixels; i++, codes += 12) {
+        float a[3] = {none, none, none};
+        if (albedo)
+            get_albedo(a, albedo + 3 * i);
         for (size_t at = 3 * i, c = 0; c < 3; at++, c++) {
-            float a = albedo ? lull_sane(albedo[at], 1.0f, 0.0f, 1.0f) : 1.0f - LULL_FILTER_EPSILON;
-            float v = radiance_at(from, at) / (a + LULL_FILTER_EPSILON);
+            float v = radiance_at(from, at) / (a[c] + LULL_FILTER_EPSILON);
             codes[c] = to_code(log2_of(1.0f + LULL_LOG_GAIN * v) * LULL_CODES_PER_OCTAVE);
-            codes[3 + c] = albedo ? to_code(a * 255.0f) : 0;
+            codes[3 + c] = albedo ? to_code(a[c] * 255.0f) : 0;
             codes[6 + c] = normal ? normal_code(normal[at]) : 128;
             codes[9 + c] = (uint8_t)(from->flags >> 8 * c);
         }
@@ -42,9 +53,11 @@ void lull_encode_scalar(uint8_t *codes, const lull_encoding *from, unsigned pixe
 void lull_spread_scalar(float *out, size_t plane, const float *albedo, unsigned pixels)
 {
     for (size_t i = 0; i < pixels; i++, albedo += 3) {
+        float a[3];
+        get_albedo(a, albedo);
         out[i] = 1.0f;
         for (size_t c = 0; c < 3; c++)
-            out[(1 + c) * plane + i] = lull_sane(albedo[c], 1.0f, 0.0f, 1.0f);
+            out[(1 + c) * plane + i] = a[c];
     }
 }
 

@@ -110,17 +110,45 @@ static void spoil(float *v, size_t n)
             memcpy(&v[i], &odd[guard_below(sizeof odd / sizeof odd[0])], sizeof *v);
 }
 
+static float sane_value(float v, float scale, float lo, float hi)
+{
+    volatile float r = fabsf(v) >= 0x1p-126f ? v : 0.0f;
+    r = r * scale;
+    r = fabsf(r) > 0x1p-126f ? r : 0.0f;
+    return r > lo ? (r < hi ? r : hi) : lo;
+}
+
+/* Albedo as images may hold it, some pixels without any. */
+static float *make_albedo(unsigned place, unsigned pixels, int at_end)
+{
+    static const float none[] = {0.0f, -0.0f, -1.0f, 0x1p-126f, NAN};
+    float *albedo = make_floats(place, 3 * (size_t)pixels, 0.0f, 1.0f, at_end);
+    spoil(albedo, 3 * (size_t)pixels);
+    for (size_t i = 0; i < pixels; i++)
+        for (size_t c = 0, hit = guard_below(4) == 0; c < 3 && hit; c++)
+            albedo[3 * i + c] = none[guard_below(sizeof none / sizeof none[0])];
+    return albedo;
+}
+
+/* What channel c of a pixel's albedo counts as. */
+static float albedo_value(const float *pixel, size_t c)
+{
+    for (size_t i = 0; i < 3; i++)
+        if (sane_value(pixel[i], 1.0f, 0.0f, 1.0f) > 0.0f)
+            return sane_value(pixel[c], 1.0f, 0.0f, 1.0f);
+    return 1.0f;
+}
+
 static void encode_case(unsigned pixels, int has_albedo, int has_normal)
 {
     int at_end = guard_below(2) != 0;
     float most = guard_below(2) ? 128.0f : 70000.0f;
     float *radiance = make_floats(GUARD_ROW, 3 * pixels, 0.0f, most, at_end);
-    float *albedo = make_floats(GUARD_ROW + 1, 3 * pixels, 0.0f, 1.0f, at_end);
+    float *albedo = make_albedo(GUARD_ROW + 1, pixels, at_end);
     float *normal = make_floats(GUARD_ROW + 2, 3 * pixels, -1.0f, 1.0f, at_end);
     uint8_t *out = guard_place(GUARD_OUT, 12 * (size_t)pixels, at_end);
     lull_encoding from = {radiance, albedo, normal, 1.0f, 65504.0f, 0x5aff00};
     spoil(radiance, 3 * (size_t)pixels);
-    spoil(albedo, 3 * (size_t)pixels);
     spoil(normal, 3 * (size_t)pixels);
     from.scale = guard_below(2) ? 0.25f : 7.5f;
     from.most = guard_below(2) ? 1.0f : 65504.0f;
@@ -130,11 +158,10 @@ static void encode_case(unsigned pixels, int has_albedo, int has_normal)
     for (size_t i = 0; i < pixels; i++) /* what needs no logarithm */
         for (size_t c = 0; c < 3; c++) {
             float n = from.normal ? normal[3 * i + c] : 0.0f;
-            float a = from.albedo ? albedo[3 * i + c] : 0.0f;
+            float a = from.albedo ? albedo_value(albedo + 3 * i, c) : 0.0f;
             n = n > -1.0f ? n : n <= -1.0f ? -1.0f : 0.0f;
             n = (n < 1.0f ? n : 1.0f) * 127.5f + 128.0f;
-            a = a > 0.0f ? (a < 1.0f ? a : 1.0f) * 255.0f + 0.5f : 0.0f;
-            CHECK(out[12 * i + 3 + c] == (int)a);
+            CHECK(out[12 * i + 3 + c] == (int)(a * 255.0f + 0.5f));
             CHECK(abs(out[12 * i + 6 + c] - (n < 255.0f ? (int)n : 255)) <= 1);
             CHECK(out[12 * i + 9 + c] == (c == 0 ? 0 : c == 1 ? 0xff : 0x5a));
         }
@@ -148,14 +175,6 @@ static void encode_cases(void)
 {
     for (unsigned pixels = 1; pixels <= 70; pixels++)
         encode_case(pixels, pixels % 3 != 0, pixels & 1);
-}
-
-static float sane_value(float v, float scale, float lo, float hi)
-{
-    volatile float r = fabsf(v) >= 0x1p-126f ? v : 0.0f;
-    r = r * scale;
-    r = fabsf(r) > 0x1p-126f ? r : 0.0f;
-    return r > lo ? (r < hi ? r : hi) : lo;
 }
 
 /* Places `planes` planes of n floats for a kernel's result; the gaps are checked, too. */
@@ -176,12 +195,11 @@ static void spread_case(unsigned pixels)
 {
     int at_end = guard_below(2) != 0;
     size_t plane, bytes;
-    float *albedo = make_floats(GUARD_ROW, 3 * pixels, 0.0f, 1.0f, at_end);
+    float *albedo = make_albedo(GUARD_ROW, pixels, at_end);
     float *out = place_planes(4, pixels, &plane, &bytes, at_end);
-    spoil(albedo, 3 * (size_t)pixels);
     for (size_t i = 0; i < pixels; i++) /* the definition */
         for (size_t c = 0; c < 4; c++)
-            expect(c * plane + i, c ? sane_value(albedo[3 * i + c - 1], 1.0f, 0.0f, 1.0f) : 1.0f);
+            expect(c * plane + i, c ? albedo_value(albedo + 3 * i, c - 1) : 1.0f);
     now.port->spread(out, plane, albedo, pixels);
     same_bytes(out, bytes, "spread", pixels);
 }
