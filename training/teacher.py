@@ -2,7 +2,8 @@
 
 What it makes of a noisy tile has neither the noise of a reference of few samples nor a preference
 for one of the eight ways a tile can be turned: it is shown each tile turned at random, and a model
-that follows it learns the mean over all of them.
+that follows it learns the mean over all of them. A tile that it makes worse than it was, one that
+was nearly clean, keeps its own target.
 """
 from __future__ import annotations
 
@@ -33,6 +34,11 @@ def turned_back(x: Tensor, view: int) -> Tensor:
     return torch.rot90(x.flip(3) if view >= 4 else x, -(view % 4), (2, 3))
 
 
+def off(a: Tensor, b: Tensor) -> Tensor:
+    """Mean absolute differences of images, [N,1,1,1]."""
+    return (a - b).abs().mean((1, 2, 3), keepdim=True)
+
+
 class Teacher:
     """The model of --teacher, a result or a .tza or .pt file; it is run and never changes."""
 
@@ -55,8 +61,9 @@ class Teacher:
         """The target of a step: targets y [N,3,H,W] moved to the teacher's results for inputs x."""
         view = int(np.random.default_rng((self.seed, step)).integers(VIEWS))
         with torch.no_grad():
-            taught = turned_back(self.model(turned(x, view)), view)
-        return torch.lerp(y, taught.to(y.dtype), self.share).contiguous()
+            taught = turned_back(self.model(turned(x, view)), view).to(y.dtype)
+            helps = off(taught, y) < off(x[:, :y.shape[1]], y)
+        return torch.lerp(y, taught, self.share * helps.to(y.dtype))
 
 
 def load_teacher(name: str, settings: Settings) -> torch.nn.Module:
