@@ -136,24 +136,20 @@ LULL_INLINE void finish_1(const finish *f, int how, unsigned i, unsigned j, vec 
 #define SHAPE(vectors) tile_##vectors
 #include "shapes_256.h"
 
-#if SMALL_SUMS
 #undef IS_SMALL
 #define IS_SMALL 1
 #define TEMPLATE "conv_int_tile.h"
 #define SHAPES small_shapes
 #define SHAPE(vectors) small_##vectors
 #include "shapes_256.h"
-#endif
 
 void CONV(const lull_conv *conv)
 {
-#if SMALL_SUMS
     if (conv->is_small) {
         unsigned before = round_down();
         run_tiles(conv, small_shapes, LANES, 1);
         round_as(before);
         return;
     }
-#endif
     run_tiles(conv, shapes, LANES, 1);
 }

@@ -10,7 +10,6 @@
 #define SHAPE(vectors) tile_##vectors
 #include "shapes_512.h"
 
-#if SMALL_SUMS
 #undef IS_SMALL
 #define IS_SMALL 1
 #define TEMPLATE "conv_int_tile.h"
@@ -42,21 +41,14 @@ static int shares_columns(const lull_conv *conv)
     return conv->pixels >= slide_shapes[0].pixels;
 }
 #endif
-#endif
 
 void CONV(const lull_conv *conv)
 {
-#if SMALL_SUMS
 #if defined(SHARE_COLUMNS)
     if (conv->is_small && !conv->wide && conv->out_max <= 255 && shares_columns(conv)) {
         run_tiles(conv, slide_shapes, LANES, 1);
         return;
     }
 #endif
-    if (conv->is_small) {
-        run_tiles(conv, small_shapes, LANES, 1);
-        return;
-    }
-#endif
-    run_tiles(conv, shapes, LANES, 1);
+    run_tiles(conv, conv->is_small ? small_shapes : shapes, LANES, 1);
 }

@@ -40,13 +40,7 @@ LULL_INLINE uint64_t first_lanes(unsigned n, unsigned lanes)
 }
 
 /* Sums that a float holds, by multipliers that a float holds: the product with 0.5 added, rounded
- * down once, is cut to the same integer as the definition's. The emulation cannot round down. */
-#if LULL_EMULATE
-#define SMALL_SUMS 0
-LULL_INLINE vec small_scale(vec multiplier) { return multiplier; }
-LULL_INLINE vec requantise_small(vec a, vec scale) { return (void)scale, a; }
-#else
-#define SMALL_SUMS 1
+ * down once, is cut to the same integer as the definition's. */
 LULL_INLINE vec small_scale(vec multiplier)
 {
     return _mm512_castps_si512(
@@ -58,7 +52,6 @@ LULL_INLINE vec requantise_small(vec a, vec scale)
         _mm512_cvtepi32_ps(a), _mm512_castsi512_ps(scale), _mm512_set1_ps(0.5f),
         _MM_FROUND_TO_NEG_INF | _MM_FROUND_NO_EXC));
 }
-#endif
 
 LULL_INLINE void finish_init(finish *f, const tile_row *row, unsigned vectors, int is_small)
 {

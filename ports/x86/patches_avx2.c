@@ -53,7 +53,7 @@ typedef struct scales {
 LULL_INLINE void scales_init(scales *s, const lull_patches *image, unsigned first)
 {
     vec multiplier = load(image->multiplier + first);
-    s->is_small = SMALL_SUMS && image->is_small;
+    s->is_small = image->is_small;
     s->even = s->is_small ? small_scale(multiplier) : _mm256_slli_epi32(multiplier, 1);
     s->odd = _mm256_srli_epi64(s->even, 32);
     s->bias = load(image->bias + first);

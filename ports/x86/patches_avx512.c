@@ -58,7 +58,7 @@ LULL_INLINE void scales_init(scales *s, const lull_patches *image, unsigned firs
 {
     vec multiplier = load(image->multiplier + first);
     s->bias = load(image->bias + first);
-    s->is_small = SMALL_SUMS && image->is_small;
+    s->is_small = image->is_small;
     s->f.max = image->out_max;
     s->f.even[0] = _mm512_slli_epi32(multiplier, 1);
     s->f.odd[0] = _mm512_srli_epi64(s->f.even[0], 32);

@@ -18,16 +18,7 @@ LULL_INLINE __m256i requantise(__m256i a, __m256i even, __m256i odd)
 /* Sums that a float holds, by multipliers that a float holds (`scale`: them times 2^-31): the
  * product with 0.5 added, rounded down once, is cut to the same integer as the definition's.
  * Instructions of 256 bits take the rounding from a register, so this is right between round_down
- * and round_as alone. The emulation has no such register. */
-#if LULL_EMULATE
-#define SMALL_SUMS 0
-LULL_INLINE unsigned round_down(void) { return 0; }
-LULL_INLINE void round_as(unsigned before) { (void)before; }
-LULL_INLINE __m256i small_scale(__m256i multiplier) { return multiplier; }
-LULL_INLINE __m256i requantise_small(__m256i a, __m256i scale) { return (void)scale, a; }
-#else
-#define SMALL_SUMS 1
-/* What is computed before and after goes through memory, so it stays there. */
+ * and round_as alone. What is computed before and after goes through memory, so it stays there. */
 #if defined(__GNUC__)
 #define LULL_X86_FENCE __asm__ volatile("" ::: "memory")
 #else
@@ -55,6 +46,5 @@ LULL_INLINE __m256i requantise_small(__m256i a, __m256i scale)
     return _mm256_cvttps_epi32(_mm256_fmadd_ps(_mm256_cvtepi32_ps(a), _mm256_castsi256_ps(scale),
                                                _mm256_set1_ps(0.5f)));
 }
-#endif
 
 #endif

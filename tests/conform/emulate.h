@@ -23,7 +23,7 @@
 #define LULL_WITH_AVXVNNI 1
 #define LULL_WITH_VNNI 1
 #undef LULL_WITH_AMX
-#define LULL_WITH_AMX 0 /* SIMDe has no tiles */
+#define LULL_WITH_AMX 1
 
 /* Names of their own: the library may hold the real ports. */
 #define lull_port_avx2 emulated_port_avx2
@@ -65,6 +65,9 @@
 #define lull_conv_int3_avxvnni emulated_conv_int3_avxvnni
 #define lull_conv_int_vnni emulated_conv_int_vnni
 #define lull_conv_int3_vnni emulated_conv_int3_vnni
+#define lull_port_amx emulated_port_amx
+#define lull_conv_int_amx emulated_conv_int_amx
+#define lull_conv_int_short_amx emulated_conv_int_short_amx
 
 #if EMULATE_X86
 
@@ -73,6 +76,7 @@
 #include <simde/x86/avx512.h>
 #include <simde/x86/fma.h>
 
+#include <math.h>
 #include <stdint.h>
 #include <string.h>
 
@@ -171,9 +175,99 @@ static inline simde__m512i emulate_shuffle(simde__m512i from, unsigned mask, sim
 #define _mm512_mask_shuffle_epi32(from, mask, a, order) emulate_shuffle(from, mask, a, order)
 #define _MM_PERM_DDBB 0xf5
 
+static inline simde__m512 emulate_to_floats(simde__m512i a)
+{
+    simde__m512 v;
+    int32_t from[16];
+    float to[16];
+    memcpy(from, &a, sizeof from);
+    for (unsigned i = 0; i < 16; i++)
+        to[i] = (float)from[i];
+    memcpy(&v, to, sizeof v);
+    return v;
+}
+#define _mm512_cvtepi32_ps(a) emulate_to_floats(a)
+
+static inline simde__m512i emulate_to_ints(simde__m512 a)
+{
+    simde__m512i v;
+    float from[16];
+    int32_t to[16];
+    memcpy(from, &a, sizeof from);
+    for (unsigned i = 0; i < 16; i++)
+        to[i] = from[i] >= -0x1p31f && from[i] < 0x1p31f ? (int32_t)from[i] : INT32_MIN;
+    memcpy(&v, to, sizeof v);
+    return v;
+}
+#define _mm512_cvttps_epi32(a) emulate_to_ints(a)
+
+/* a * b + c, rounded once, down. The product of two floats is a double; `rest` is what the double
+ * that is nearest to the sum lacks. */
+static inline float emulate_fma_down(float a, float b, float c)
+{
+    volatile double product = (double)a * b, sum = product + c, part = sum - product;
+    volatile double rest = product - (sum - part), more = c - part;
+    float f = (float)sum;
+    rest += more;
+    if ((double)f > sum || ((double)f == sum && rest < 0))
+        f = nextafterf(f, -INFINITY);
+    return f;
+}
+
+static inline void emulate_fma_lanes(float *a, const float *b, const float *c, unsigned lanes)
+{
+    for (unsigned i = 0; i < lanes; i++)
+        a[i] = emulate_fma_down(a[i], b[i], c[i]);
+}
+
+static inline simde__m512 emulate_fma_512(simde__m512 a, simde__m512 b, simde__m512 c)
+{
+    float lane[3][16];
+    memcpy(lane[0], &a, sizeof a);
+    memcpy(lane[1], &b, sizeof b);
+    memcpy(lane[2], &c, sizeof c);
+    emulate_fma_lanes(lane[0], lane[1], lane[2], 16);
+    memcpy(&a, lane[0], sizeof a);
+    return a;
+}
+#define _mm512_fmadd_round_ps(a, b, c, how) emulate_fma_512(a, b, c) /* always down */
+
+/* The register that holds how 256 bits are rounded: to the nearest, or by fused products down. */
+static inline unsigned *emulate_csr(void)
+{
+    static unsigned csr = 0x1f80;
+    return &csr;
+}
+#undef _mm_getcsr
+#undef _mm_setcsr
+#undef _MM_ROUND_MASK
+#undef _MM_ROUND_DOWN
+#undef _MM_MASK_MASK
+#define _mm_getcsr() (*emulate_csr())
+#define _mm_setcsr(value) (void)(*emulate_csr() = (value))
+#define _MM_ROUND_MASK 0x6000
+#define _MM_ROUND_DOWN 0x2000
+#define _MM_MASK_MASK 0x1f80
+
+static inline simde__m256 emulate_fma_256(simde__m256 a, simde__m256 b, simde__m256 c)
+{
+    float lane[3][8];
+    if (!(*emulate_csr() & _MM_ROUND_DOWN))
+        return simde_mm256_fmadd_ps(a, b, c);
+    memcpy(lane[0], &a, sizeof a);
+    memcpy(lane[1], &b, sizeof b);
+    memcpy(lane[2], &c, sizeof c);
+    emulate_fma_lanes(lane[0], lane[1], lane[2], 8);
+    memcpy(&a, lane[0], sizeof a);
+    return a;
+}
+#undef _mm256_fmadd_ps
+#define _mm256_fmadd_ps(a, b, c) emulate_fma_256(a, b, c)
+
 /* AVX-VNNI: the operations of AVX512-VNNI on 256 bits. */
 #define _mm256_dpbusd_avx_epi32(sum, x, w) simde_mm256_dpbusd_epi32(sum, x, w)
 #define _mm256_dpwssd_avx_epi32(sum, x, w) simde_mm256_dpwssd_epi32(sum, x, w)
 
+#include "emulate_tiles.h"
 #endif
 #endif

@@ -1,0 +1,8 @@
+/* The products of AVX512-VNNI. As intrinsics, gcc 12 moves the sums around in memory. */
+#if LULL_X86_ASM
+#define DOT_NARROW(sum, x, w) __asm__("vpdpbusd %2, %1, %0" : "+v"(sum) : "v"(x), "v"(w))
+#define DOT_WIDE(sum, x, w) __asm__("vpdpwssd %2, %1, %0" : "+v"(sum) : "v"(x), "v"(w))
+#else
+#define DOT_NARROW(sum, x, w) sum = _mm512_dpbusd_epi32(sum, x, w)
+#define DOT_WIDE(sum, x, w) sum = _mm512_dpwssd_epi32(sum, x, w)
+#endif
