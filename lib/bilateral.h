@@ -70,11 +70,10 @@ typedef struct lull_balance {
  * is not chance, 1 - (sum of q q) / (sum of q)^2, which is 0 for one pixel and 1 - 1/n for n alike,
  * spread over what may be corrected. Few sparks are not light but fireflies: of n of them no more
  * counts than 20 + 0.3 n^2. */
-LULL_INLINE float lull_cell_gain(const float sums[LULL_CELL_SUMS])
+LULL_INLINE float lull_cell_gain(float q, float squares, float base, float sparks)
 {
-    float q = sums[0], share = 1.0f - sums[1] / (q * q + 1e-6f);
-    float most = 20.0f + 0.3f * sums[3] * sums[3];
-    float gain = (share > 0.0f ? share : 0.0f) * (q < most ? q : most) / (sums[2] + 32.0f);
+    float share = 1.0f - squares / (q * q + 1e-6f), most = 20.0f + 0.3f * sparks * sparks;
+    float gain = (share > 0.0f ? share : 0.0f) * (q < most ? q : most) / (base + 32.0f);
     gain = gain < -LULL_MOST_GAIN ? -LULL_MOST_GAIN : gain;
     return gain > LULL_MOST_GAIN ? LULL_MOST_GAIN : gain;
 }

@@ -56,19 +56,6 @@ void lull_exec_residual(const lull_task *t, unsigned x, unsigned y, unsigned n, 
     }
 }
 
-/* Of cell (x, y), three rows by five columns of cells around it. */
-static float gain_at(const float *const rows[3], size_t plane, int x)
-{
-    float sums[LULL_CELL_SUMS];
-    for (size_t c = 0; c < LULL_CELL_SUMS; c++) {
-        const float *a = rows[0] + c * plane, *b = rows[1] + c * plane, *d = rows[2] + c * plane;
-        sums[c] = (a[x - 2] + b[x - 2]) + d[x - 2];
-        for (int k = x - 1; k <= x + 2; k++)
-            sums[c] += (a[k] + b[k]) + d[k];
-    }
-    return lull_cell_gain(sums);
-}
-
 /* The two rows of cells whose centres lie around a row of pixels, and where it lies between. */
 typedef struct cell_rows {
     const float *rows[2][3]; /* sums of cells of the row above, of it, and of the one below */
@@ -76,12 +63,35 @@ typedef struct cell_rows {
     float part;
 } cell_rows;
 
-/* Of the cell at column x of those held, or the first one. */
-static float gain_of_column(const cell_rows *cells, int x)
+enum { SOME = 16 }; /* cells at once */
+
+/* Gains of n cells from column x on of one of the two rows: of each three rows by five columns of
+ * cells around it. */
+static void find_row(float *gain, const cell_rows *cells, unsigned row, int x, unsigned n)
 {
-    float above = gain_at(cells->rows[0], cells->plane, x < 0 ? 0 : x);
-    float below = gain_at(cells->rows[1], cells->plane, x < 0 ? 0 : x);
-    return above + cells->part * (below - above);
+    float sums[LULL_CELL_SUMS][SOME], column[SOME + 4];
+    for (unsigned c = 0; c < LULL_CELL_SUMS; c++) {
+        size_t at = c * cells->plane;
+        const float *above = cells->rows[row][0] + at + x, *here = cells->rows[row][1] + at + x;
+        const float *below = cells->rows[row][2] + at + x;
+        for (int k = 0; k < (int)n + 4; k++)
+            column[k] = (above[k - 2] + here[k - 2]) + below[k - 2];
+        for (unsigned k = 0; k < n; k++)
+            sums[c][k] = (((column[k] + column[k + 1]) + column[k + 2]) + column[k + 3]) +
+                         column[k + 4];
+    }
+    for (unsigned k = 0; k < n; k++)
+        gain[k] = lull_cell_gain(sums[0][k], sums[1][k], sums[2][k], sums[3][k]);
+}
+
+/* The same of both, for a row of pixels. */
+static void find_gains(float *gain, const cell_rows *cells, int x, unsigned n)
+{
+    float below[SOME];
+    find_row(gain, cells, 0, x, n);
+    find_row(below, cells, 1, x, n);
+    for (unsigned k = 0; k < n; k++)
+        gain[k] += cells->part * (below[k] - gain[k]);
 }
 
 /* The cell before the centre between two cells at which pixel i lies, or the next one, of `count`
@@ -100,12 +110,13 @@ static float cell_part(unsigned i)
 
 /* n pixels between the centres of two cells whose gains are given. */
 static void correct(float *out, size_t out_plane, const float *v, size_t plane,
-                    const uint8_t *noise, const float gain[2], unsigned x, unsigned n)
+                    const uint8_t *noise, float before, float after, unsigned x, unsigned n)
 {
-    float first = cell_part(x), change = gain[1] - gain[0], g[LULL_CELL];
+    float first = cell_part(x), g[LULL_CELL];
     for (unsigned i = 0; i < n; i++) {
         float w = noise[i] * LULL_NOISE_SHARE;
-        g[i] = (gain[0] + (first + (float)i * (1.0f / LULL_CELL)) * change) * (w < 1.0f ? w : 1.0f);
+        g[i] = (before + (first + (float)i * (1.0f / LULL_CELL)) * (after - before)) *
+               (w < 1.0f ? w : 1.0f);
     }
     for (unsigned c = 0; c < 3; c++, out += out_plane, v += plane)
         for (unsigned i = 0; i < n; i++)
@@ -119,29 +130,34 @@ void lull_exec_correct(const lull_task *t, unsigned x, unsigned y, unsigned n)
     unsigned tensor = layer->source[0], sums = layer->source[1], width = lull_exec_inside(t);
     unsigned down = (plan->frame.height + LULL_CELL - 1) / LULL_CELL;
     unsigned across = (t->left + width + LULL_CELL - 1) / LULL_CELL;
-    int before = (int)(t->left / LULL_CELL); /* cells */
     size_t plane = lull_exec_plane(plan, tensor), out_plane = lull_exec_plane(plan, t->layer + 1);
     unsigned end = y < plan->frame.height ? lull_min_u(x + n, width) : 0;
+    int held = (int)(t->left / LULL_CELL); /* the first cell that is */
     cell_rows cells;
-    float gain[2];
-    if (x >= end)
-        return;
     cells.plane = lull_exec_plane(plan, sums);
     cells.part = cell_part(y);
     for (unsigned k = 0; k < 6; k++) {
         int row = cell_near(y, k / 3, down) + (int)(k % 3) - 1;
         cells.rows[k / 3][k % 3] = (const float *)(const void *)lull_exec_source(plan, sums, row);
     }
-    gain[1] = gain_of_column(&cells, cell_near(t->left + x, 0, across) - before);
     while (x < end) {
-        unsigned at = t->left + x;
-        unsigned count = LULL_CELL - (at + LULL_CELL / 2) % LULL_CELL;
-        count = lull_min_u(count, end - x);
-        gain[0] = gain[1];
-        gain[1] = gain_of_column(&cells, cell_near(at, 1, across) - before);
-        correct(lull_exec_floats(plan, t->layer + 1, y, x), out_plane,
-                lull_exec_floats(plan, tensor, y, x), plane, lull_exec_codes(plan, tensor, y, x),
-                gain, at, count);
-        x += count;
+        unsigned stop = lull_min_u(x + (SOME - 2) * LULL_CELL, end);
+        int first = cell_near(t->left + x, 0, across), last;
+        float gain[SOME];
+        first = first < held ? held : first;
+        last = cell_near(t->left + stop - 1, 1, across);
+        find_gains(gain, &cells, first - held, (unsigned)(last - first) + 1);
+        while (x < stop) {
+            unsigned at = t->left + x;
+            unsigned count = LULL_CELL - (at + LULL_CELL / 2) % LULL_CELL;
+            int near = cell_near(at, 0, across), next = cell_near(at, 1, across);
+            count = lull_min_u(count, stop - x);
+            near = near < first ? first : near;
+            correct(lull_exec_floats(plan, t->layer + 1, y, x), out_plane,
+                    lull_exec_floats(plan, tensor, y, x), plane,
+                    lull_exec_codes(plan, tensor, y, x), gain[near - first], gain[next - first],
+                    at, count);
+            x += count;
+        }
     }
 }
