@@ -1,5 +1,5 @@
 /* 2x2 maximum: the two pixels of a pair are neighbours, so a vector of channels is the maximum
- * of four loads. Rows shorter than a vector are left to plain C. */
+ * of four loads. What is left of them is done in plain C. */
 #include <arm_neon.h>
 
 #include "port_neon.h"
@@ -32,6 +32,11 @@ void lull_pool_u8_neon(uint8_t *out, const uint8_t *above, const uint8_t *below,
             uint8x16_t a = vmaxq_u8(vld1q_u8(above + c), vld1q_u8(above + channels + c));
             uint8x16_t b = vmaxq_u8(vld1q_u8(below + c), vld1q_u8(below + channels + c));
             vst1q_u8(out + c, vmaxq_u8(a, b));
+        }
+        for (; c + 8 <= channels; c += 8) {
+            uint8x8_t a = vmax_u8(vld1_u8(above + c), vld1_u8(above + channels + c));
+            uint8x8_t b = vmax_u8(vld1_u8(below + c), vld1_u8(below + channels + c));
+            vst1_u8(out + c, vmax_u8(a, b));
         }
         for (; c < channels; c++) {
             uint8_t a = above[c] > above[channels + c] ? above[c] : above[channels + c];
