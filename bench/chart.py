@@ -73,8 +73,9 @@ def methods(folder: Path) -> list[Method]:
                             speed.Entry("", oidn.theirs(), ("-q", quality))))
         found.append(Method(f"lull {quality}", "lull",
                             speed.Entry("", oidn.ours(), ("-q", quality))))
+    built_in = (oidn.ROOT / "weights" / "builtin.def").read_text()
     for path, features in manifest():
-        if features != ",".join(FEATURES):
+        if features not in (",".join(FEATURES), "any") or f'"{path.name}"' in built_in:
             continue
         found.append(Method(path.stem, "lull", speed.Entry("", oidn.ours(), ("-w", path)),
                             path.stat().st_size))
