@@ -21,10 +21,15 @@ TAPS, SIGMA, K1, K2 = 11, 1.5, 0.01, 0.03
 LEAST_NOISE, USUAL_NOISE = 0.005, 0.05  # mean differences of codes of input and target
 
 
+def distance(a: Tensor, b: Tensor) -> Tensor:
+    """Mean absolute difference of each pair of images, [N,C,H,W] -> [N,1,1,1]."""
+    return (a - b).abs().mean((1, 2, 3), keepdim=True)
+
+
 def balance(x: Tensor, y: Tensor, power: float) -> Tensor:
     """Factors [N,1,1,1] of outputs and targets y, [N,C,H,W], for losses that are proportional to
     both: a tile whose input x was close to its target would not count beside noisy ones."""
-    noise = (x[:, :y.shape[1]] - y).abs().mean((1, 2, 3), keepdim=True)
+    noise = distance(x[:, :y.shape[1]], y)
     return ((noise + LEAST_NOISE) / USUAL_NOISE) ** -power
 
 

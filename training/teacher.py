@@ -16,6 +16,7 @@ from torch import Tensor
 from export.kernel import BILATERAL
 from export.tza import Reader
 from training.errors import USAGE, ToolError
+from training.loss import distance
 from training.nets import from_tensors
 from training.result import Result, load_model, read_weights
 from training.settings import Settings, input_channels, output_channels
@@ -32,11 +33,6 @@ def turned(x: Tensor, view: int) -> Tensor:
 def turned_back(x: Tensor, view: int) -> Tensor:
     """The inverse of `turned`."""
     return torch.rot90(x.flip(3) if view >= 4 else x, -(view % 4), (2, 3))
-
-
-def off(a: Tensor, b: Tensor) -> Tensor:
-    """Mean absolute differences of images, [N,1,1,1]."""
-    return (a - b).abs().mean((1, 2, 3), keepdim=True)
 
 
 class Teacher:
@@ -62,7 +58,7 @@ class Teacher:
         view = int(np.random.default_rng((self.seed, step)).integers(VIEWS))
         with torch.no_grad():
             taught = turned_back(self.model(turned(x, view)), view).to(y.dtype)
-            helps = off(taught, y) < off(x[:, :y.shape[1]], y)
+            helps = distance(taught, y) < distance(x[:, :y.shape[1]], y)
         return torch.lerp(y, taught, self.share * helps.to(y.dtype))
 
 

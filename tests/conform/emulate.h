@@ -214,20 +214,21 @@ static inline float emulate_fma_down(float a, float b, float c)
     return f;
 }
 
-static inline void emulate_fma_lanes(float *a, const float *b, const float *c, unsigned lanes)
+/* The same of each lane of vectors, into a. */
+static inline void emulate_fma_lanes(void *a, const void *b, const void *c, unsigned lanes)
 {
+    float x[16], y[16], z[16];
+    memcpy(x, a, lanes * sizeof *x);
+    memcpy(y, b, lanes * sizeof *y);
+    memcpy(z, c, lanes * sizeof *z);
     for (unsigned i = 0; i < lanes; i++)
-        a[i] = emulate_fma_down(a[i], b[i], c[i]);
+        x[i] = emulate_fma_down(x[i], y[i], z[i]);
+    memcpy(a, x, lanes * sizeof *x);
 }
 
 static inline simde__m512 emulate_fma_512(simde__m512 a, simde__m512 b, simde__m512 c)
 {
-    float lane[3][16];
-    memcpy(lane[0], &a, sizeof a);
-    memcpy(lane[1], &b, sizeof b);
-    memcpy(lane[2], &c, sizeof c);
-    emulate_fma_lanes(lane[0], lane[1], lane[2], 16);
-    memcpy(&a, lane[0], sizeof a);
+    emulate_fma_lanes(&a, &b, &c, 16);
     return a;
 }
 #define _mm512_fmadd_round_ps(a, b, c, how) emulate_fma_512(a, b, c) /* always down */
@@ -251,14 +252,9 @@ static inline unsigned *emulate_csr(void)
 
 static inline simde__m256 emulate_fma_256(simde__m256 a, simde__m256 b, simde__m256 c)
 {
-    float lane[3][8];
     if (!(*emulate_csr() & _MM_ROUND_DOWN))
         return simde_mm256_fmadd_ps(a, b, c);
-    memcpy(lane[0], &a, sizeof a);
-    memcpy(lane[1], &b, sizeof b);
-    memcpy(lane[2], &c, sizeof c);
-    emulate_fma_lanes(lane[0], lane[1], lane[2], 8);
-    memcpy(&a, lane[0], sizeof a);
+    emulate_fma_lanes(&a, &b, &c, 8);
     return a;
 }
 #undef _mm256_fmadd_ps
