@@ -4,7 +4,8 @@
     python -m export.bilateral IN.tza OUT.tza
 
 The filter's steps 6 and 7 (docs/kernel-prediction.md) have no trained weights: a file asks for them
-by the tensor `bilateral.scale`, a single 1. IN and OUT: .tza, integer; they may be the same.
+by the tensor `bilateral.scale`, a single 1, or 2 for step 6 alone. IN and OUT: .tza, integer; they
+may be the same.
 """
 from __future__ import annotations
 
@@ -22,13 +23,16 @@ def main(argv: list[str]) -> None:
                                      formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("input", type=Path)
     parser.add_argument("output", type=Path)
-    parser.add_argument("--off", action="store_true", help="no longer")
+    which = parser.add_mutually_exclusive_group()
+    which.add_argument("--smooth", action="store_true", help="smooth only (step 6)")
+    which.add_argument("--off", action="store_true", help="no longer")
     args = parser.parse_args(argv)
     try:
         model = kernel.load(args.input)
     except (ValueError, OSError) as e:
         raise errors.ToolError(f"{args.input}: {e}", errors.STATE) from e
-    model.bilateral = not args.off
+    model.bilateral = (0 if args.off else kernel.SMOOTH if args.smooth else
+                       kernel.SMOOTH_AND_CORRECT)
     write_tensors(args.output, tensors_of(model))
 
 

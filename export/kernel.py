@@ -15,7 +15,7 @@ import numpy as np
 from export import pixels
 from export.graph import ALIGN, NETS_DEF, Layer, ModelError, Net, read_nets
 from export.reference import NARROW_MAX, FloatModel, IntLayer, IntModel, _tensor, check_layer
-from export.smooth import EPS, corrected, noise_codes, smoothed, to_code
+from export.smooth import EPS, corrected, guide_of, noise_codes, shares, smoothed, to_code
 from export.tza import Reader
 
 F = np.float32
@@ -27,7 +27,9 @@ CONFIDENCE, BLEND, ALBEDO = 25, 26, 27
 HEAD_STEP = 1 / 16          # logit of one code
 NO_NORMAL = 128             # code of the normal where there is none
 
-BILATERAL = "bilateral.scale"    # a tensor of one 1: smoothing and correction (export.smooth)
+BILATERAL = "bilateral.scale"    # a tensor of one value: 1 smooth and correct, 2 smooth only
+SMOOTH_AND_CORRECT, SMOOTH = 1, 2  # (export.smooth)
+LOG_TERMS = F(30.6365147), F(-15.4037612), F(10.996752), F(-7.00442797)
 
 
 @dataclass(frozen=True)
@@ -83,9 +85,9 @@ class FloatTrunk(FloatModel):
 class IntTrunk(IntModel):
     """Exact execution of a K model: codes [H,W,12] in, head codes out."""
 
-    def __init__(self, trunk: Trunk, layers: list[IntLayer], bilateral: bool = False):
+    def __init__(self, trunk: Trunk, layers: list[IntLayer], bilateral: int = 0):
         super().__init__(trunk, layers, np.full(INPUTS, 255.0), 1.0)
-        self.bilateral = bilateral  # smooths along the result
+        self.bilateral = bilateral  # 0 or a value of BILATERAL
 
     def codes(self, x: np.ndarray) -> np.ndarray:
         """Codes / 255 to codes."""
@@ -123,20 +125,36 @@ def int_trunk(tensors: Mapping[str, np.ndarray], file: str) -> IntTrunk:
                                NARROW_MAX, NARROW_MAX, NARROW_MAX))
         check_layer(layers[-1], file)
         channels[name] = o
-    bilateral = BILATERAL in tensors
-    if bilateral and _tensor(tensors, BILATERAL, F, (1,), file)[0] != 1:
-        raise ModelError(f"{file}: {BILATERAL}: 1 is the only value known")
-    return IntTrunk(trunk, layers, bilateral)
+    return IntTrunk(trunk, layers, bilateral_of(tensors, file))
+
+
+def bilateral_of(tensors: Mapping[str, np.ndarray], file: str) -> int:
+    """What a file's BILATERAL asks for; 0 if it has none."""
+    if BILATERAL not in tensors:
+        return 0
+    value = _tensor(tensors, BILATERAL, F, (1,), file)[0]
+    if value not in (SMOOTH_AND_CORRECT, SMOOTH):
+        raise ModelError(f"{file}: {BILATERAL}: {value:g}, known are 1 and 2")
+    return int(value)
 
 
 # ---- Input and filter ----------------------------------------------------------------------------
+
+def log_codes(u: np.ndarray) -> np.ndarray:
+    """Logarithm of u >= 1 in codes, not yet rounded."""
+    bits = u.view(np.int32)
+    exponent = (bits - 0x3F3504F3) >> 23
+    t = (bits - (exponent << 23)).view(F) - F(1)
+    a, b, c, d = LOG_TERMS
+    return exponent.astype(F) * CODES_PER_OCTAVE + t * ((b * t + a) + (t * t) * (d * t + c))
+
 
 def encode(radiance: np.ndarray, albedo: np.ndarray | None, normal: np.ndarray | None,
            clipped: bool) -> np.ndarray:
     """Network codes [H,W,12] of exposed radiance, albedo in [0,1], normals in [-1,1], sanitised."""
     a = np.full_like(radiance, F(1) - EPS) if albedo is None else albedo
-    v = np.minimum(radiance, RADIANCE_MAX) / (a + EPS)
-    log = to_code(pixels.log2(F(1) + LOG_GAIN * v) * CODES_PER_OCTAVE)
+    v = np.minimum(radiance, RADIANCE_MAX) * shares(a + EPS)
+    log = to_code(log_codes(F(1) + LOG_GAIN * v))
     alb = np.zeros_like(log) if albedo is None else to_code(albedo * F(255))
     nrm = np.full_like(log, NO_NORMAL) if normal is None else to_code(normal * F(127.5) + F(127.5))
     flags = np.zeros_like(log)
@@ -167,7 +185,7 @@ def sums_5x5(weights: np.ndarray, v: np.ndarray) -> np.ndarray:
 
 def _quotient(sums: np.ndarray, otherwise: float) -> np.ndarray:
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(sums[..., :1] > 0, sums[..., 1:] / sums[..., :1], F(otherwise))
+        return np.where(sums[..., :1] > 0, sums[..., 1:] * (F(1) / sums[..., :1]), F(otherwise))
 
 
 def _upsampled(x: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
@@ -182,24 +200,23 @@ def _upsampled(x: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
 
 
 def apply_filter(heads: list[np.ndarray], radiance: np.ndarray, albedo: np.ndarray | None,
-                 normal_codes: np.ndarray | None = None, clipped: bool = False) -> np.ndarray:
-    """Filtered radiance [H,W,3]. heads: codes by level, of the padded size; normal_codes: those of
-    the network's input, uint8 [H,W,3], to smooth along the result; clipped: the radiance was, so
-    that it lacks light itself."""
+                 guide: np.ndarray | None = None, corrects: bool = False) -> np.ndarray:
+    """Filtered radiance [H,W,3]. heads: codes by level, of the padded size; guide: of guide_of, to
+    smooth along the result; corrects: gives back what that lacks then."""
     h, w, _ = radiance.shape
     table = weight_table()
     smooth = np.ones_like(radiance)
     if albedo is not None:
         v = np.concatenate((np.ones((h, w, 1), F), albedo), -1)
         sums = sums_5x5(table[heads[0][:h, :w, ALBEDO:ALBEDO + TAPS]], v)
-        smooth = sums[..., 1:] / sums[..., :1] + EPS
+        smooth = sums[..., 1:] * (F(1) / sums[..., :1]) + EPS
     radiance = np.minimum(radiance, RADIANCE_MAX)
-    first = radiance / smooth
-    i, filtered, blends = first, [], []
+    i, confident, filtered, blends = radiance * shares(smooth), [], [], []
     for level in range(LEVELS):
         head = heads[level][:i.shape[0], :i.shape[1]]
         c = table[head[..., CONFIDENCE:CONFIDENCE + 1]]
         v = np.concatenate((c, c * i), -1)
+        confident.append(v)
         filtered.append(_quotient(sums_5x5(table[head[..., :TAPS]], v), 0.0))
         blends.append(blend_table()[head[..., BLEND:BLEND + 1]])
         even = np.pad(v, ((0, v.shape[0] % 2), (0, v.shape[1] % 2), (0, 0)))
@@ -209,10 +226,10 @@ def apply_filter(heads: list[np.ndarray], radiance: np.ndarray, albedo: np.ndarr
     for level in range(LEVELS - 2, -1, -1):
         f = filtered[level]
         out = f + blends[level] * (_upsampled(out, f.shape) - f)
-    if normal_codes is not None:
-        noise = noise_codes(out, first)
-        out = smoothed(out, smooth, noise, normal_codes)
-        out = out if clipped else corrected(out, smooth, noise, radiance)
+    if guide is not None:
+        noise = noise_codes(confident[0], filtered[0])
+        out = smoothed(out, noise, guide)
+        out = corrected(out, smooth, noise, radiance) if corrects else out
     return out * smooth
 
 
@@ -241,7 +258,8 @@ def run_frame(model: IntTrunk, frame: pixels.Frame, channels: int = 3) -> np.nda
     codes = np.pad(codes, ((0, -h % ALIGN), (0, -w % ALIGN), (0, 0)))
     maps = model.maps(codes)
     v = apply_filter([maps[n] for n in model.net.heads], r, aux["albedo"],
-                     codes[:h, :w, 6:9] if model.bilateral else None, not rule.is_hdr)
+                     guide_of(codes[:h, :w]) if model.bilateral else None,
+                     model.bilateral == SMOOTH_AND_CORRECT and rule.is_hdr)
     v = pixels.sanitize(v, 1.0, 0.0, pixels.MAX)
     v = pixels.srgb_forward(v) if frame.content == "srgb" and not rule.is_signed else v
     return frame.stored(v, channels)

@@ -67,7 +67,7 @@ def tensors_of(model: kernel.IntTrunk) -> dict[str, np.ndarray]:
             out[f"{name}.skip.weight"] = x.skip
         out[f"{name}.bias"], out[f"{name}.scale"] = x.bias, x.scale
     if model.bilateral:
-        out[kernel.BILATERAL] = np.ones(1, np.float32)
+        out[kernel.BILATERAL] = np.full(1, model.bilateral, np.float32)
     return out
 
 

@@ -5,15 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 F = np.float32
+ONE = F(1)
 EPS = F(0.02)
-NOISE_GAIN = F(128)              # noise codes per unit of relative difference
-WIDTH_PER_CODE = F(0.0017361111)  # 2 / (3 channels * 3 pixels * 128)
+NOISE_GAIN, NOISE_EPS = F(384), F(0.06)  # noise codes per unit of relative difference
+WIDTH_PER_CODE = F(0.0026041667)  # 3 / (3 pixels * 384)
 WIDTH_MAX, WIDTH_MIN = F(0.4), F(0.001)
 RESULT_GAIN = F(0.5)
-SURFACE_GAIN = F(0.000384)       # of squared differences of the codes of albedo and normal
-ALBEDO_CODES = F(240)            # codes per unit of filtered albedo + EPS
-OFFSETS = ((-12, 0), (-6, 0), (-2, 0), (2, 0), (6, 0), (12, 0),
-           (0, -4), (0, -2), (0, 2), (0, 4))  # (x, y) of the pixels averaged over
+GUIDE_GAIN = F(0.012288)         # of squared differences of the guide
+OFFSETS = ((-6, 0), (-2, 0), (2, 0), (6, 0), (0, -2), (0, 2))  # (x, y) of pixels averaged over
 CELL = 16                        # pixels a side of what is balanced
 BALANCE_EPS = F(0.15)            # three channels of 0.05
 NOISE_SHARE = F(0.05)            # of a correction, per noise code
@@ -43,30 +42,46 @@ def _width(noise: np.ndarray) -> np.ndarray:
     return np.maximum(np.minimum(sums * WIDTH_PER_CODE, WIDTH_MAX), WIDTH_MIN)
 
 
-def noise_codes(out: np.ndarray, first: np.ndarray) -> np.ndarray:
-    """How far the demodulated input is from the result, relative to it, uint8 [H,W,1]."""
-    return to_code(NOISE_GAIN * _summed(np.abs(first - out) / (out + EPS)))
+def shares(v: np.ndarray, top: np.ndarray = ONE, bottom: np.ndarray = ONE) -> np.ndarray:
+    """top / (v bottom) by one division a pixel, v [H,W,3]."""
+    r, g, b = v[..., :1], v[..., 1:2], v[..., 2:]
+    share = top / (((r * g) * b) * bottom)
+    return np.concatenate(((g * b) * share, (r * b) * share, (r * g) * share), -1)
 
 
-def smoothed(out: np.ndarray, smooth: np.ndarray, noise: np.ndarray,
-             normal_codes: np.ndarray) -> np.ndarray:
+def noise_codes(v: np.ndarray, filtered: np.ndarray) -> np.ndarray:
+    """How far the demodulated input is from its 5x5 means [H,W,3], relative to them, uint8 [H,W,1].
+
+    v: confidence and, times it, the demodulated input, [H,W,4].
+    """
+    apart = _summed(np.abs(v[..., 1:] - v[..., :1] * filtered))
+    return to_code(NOISE_GAIN * (apart / (v[..., :1] * (_summed(filtered) + NOISE_EPS))))
+
+
+def guide_of(codes: np.ndarray) -> np.ndarray:
+    """What tells surfaces apart, from the network's input codes [H,W,12]: of the normal, without it
+    of the albedo, int32 [H,W,2] of 0..127."""
+    r, g, b, x, y, z = np.moveaxis(codes[..., 3:9].astype(np.int32), -1, 0)
+    normal = (2 * x - y - z + 510) // 8, 7 * (y - z + 255) // 32
+    return np.stack(normal if codes[0, 0, 10] else (r // 2, (g + b) // 4), -1)
+
+
+def smoothed(out: np.ndarray, noise: np.ndarray, guide: np.ndarray) -> np.ndarray:
     """The demodulated result, averaged along surfaces whose light is even, [H,W,3].
 
-    out: demodulated result >= 0, smooth: filtered albedo + EPS, both float32 [H,W,3]; noise: of
-    noise_codes; normal_codes: 0..255 [H,W,3], 128 where there are no normals.
+    out: demodulated result >= 0, float32 [H,W,3]; noise: of noise_codes; guide: of guide_of.
     """
-    gain = (RESULT_GAIN / _width(noise)) / (out + EPS)
-    surface = np.concatenate((to_code(ALBEDO_CODES * smooth), normal_codes), -1).astype(np.int32)
+    gain = shares(out + EPS, RESULT_GAIN, _width(noise))
     weights, total = np.ones_like(out[..., :1]), np.zeros_like(out)
     for k in OFFSETS:
         change = _moved(out, k) - out
-        apart = ((_moved(surface, k) - surface) ** 2).sum(-1, keepdims=True).astype(F)
+        apart = ((_moved(guide, k) - guide) ** 2).sum(-1, keepdims=True).astype(F)
         x = change * gain
-        w = np.maximum(F(1) - (_summed(x * x) + SURFACE_GAIN * apart), F(0))
+        w = np.maximum(F(1) - (_summed(x * x) + GUIDE_GAIN * apart), F(0))
         w = w * w
         weights = weights + w
         total = total + w * change
-    return out + total / weights
+    return out + total * (F(1) / weights)
 
 
 def cell_sums(v: np.ndarray) -> np.ndarray:
@@ -106,11 +121,11 @@ def corrected(out: np.ndarray, smooth: np.ndarray, noise: np.ndarray,
     out: of smoothed; smooth and noise as there; radiance: exposed [H,W,3], <= RADIANCE_MAX.
     """
     v = _summed(out * smooth)[..., 0]
-    level = v + BALANCE_EPS
-    q = np.minimum((_summed(radiance)[..., 0] - v) / level, MOST_LACKING)
+    inverse = F(1) / (v + BALANCE_EPS)
+    q = np.minimum((_summed(radiance)[..., 0] - v) * inverse, MOST_LACKING)
     share = np.minimum(noise[..., 0].astype(F) * NOISE_SHARE, F(1))
     lit = np.clip(q - SPARK, F(0), F(1))
-    gain = cell_gains(cell_sums(np.stack((q, q * q, v / level * share, lit))))
+    gain = cell_gains(cell_sums(np.stack((q, q * q, v * inverse * share, lit))))
     for axis in (0, 1):
         at = np.arange(out.shape[axis]) + CELL // 2
         near, far = (np.clip(at // CELL + k, 0, gain.shape[axis] - 1) for k in (-1, 0))

@@ -2,33 +2,31 @@
  * surfaces whose light is even, and light that the result lacks. Models have them whose files ask
  * for them.
  *
- * noise: what bilateral knows of n pixels beside their result. Codes are whole numbers, at most
- *     255: of the filtered albedo + epsilon A = LULL_ALBEDO_CODES smooth + 0.5, 3 planes; of the
- *     normal n those of `encode`, 128 if from->normal is NULL; of the noise, with d of a channel =
- *     |R / smooth - v| / (v + LULL_FILTER_EPSILON), LULL_NOISE_CODES ((d(r) + d(g)) + d(b)) + 0.5.
+ * noise: codes, whole numbers of at most 255, of pixels' noise: LULL_NOISE_CODES (D / (C (F +
+ *     LULL_NOISE_EPSILON))) + 0.5, where D = (|V(r) - C f(r)| + |V(g) - C f(g)|) + |V(b) - C f(b)|
+ *     and F = (f(r) + f(g)) + f(b). v: planes (C, V), confident radiance; f: 3 planes, filtered.
  *
  * bilateral: the smoothed result of pixels all of whose columns, up to LULL_BILATERAL_REACH to
  *     either side, are there (of the noise one to either side).
  *
  * residual: adds what n pixels make of their cell's balance to planes of sums. With V = (v(r)
  *     smooth(r) + v(g) smooth(g)) + v(b) smooth(b), R = (R(r) + R(g)) + R(b), L = V +
- *     LULL_BALANCE_EPSILON and q = min((R - V) / L, LULL_MOST_LACKING): q, q q, (V / L) w, where
- *     w = min(noise code * LULL_NOISE_SHARE, 1), and min(max(q - LULL_SPARK, 0), 1), a count of
- *     sparks; 4 planes.
+ *     LULL_BALANCE_EPSILON and q = min((R - V) (1 / L), LULL_MOST_LACKING): q, q q, (V (1 / L)) w,
+ *     where w = min(noise code * LULL_NOISE_SHARE, 1), and min(max(q - LULL_SPARK, 0), 1), a count
+ *     of sparks; 4 planes.
  */
 #ifndef LULL_BILATERAL_H
 #define LULL_BILATERAL_H
 
 #include "base.h"
 
-#define LULL_BILATERAL_REACH 12        /* columns to either side */
-#define LULL_BILATERAL_CODES 7         /* bytes of a pixel: three pairs and the noise */
-#define LULL_NOISE_CODES 128.0f        /* per 1 of noise */
-#define LULL_NOISE_WIDTH 0.0017361111f /* of weights, per noise code of three pixels */
+#define LULL_BILATERAL_REACH 6         /* columns to either side */
+#define LULL_NOISE_CODES 384.0f        /* per 1 of noise */
+#define LULL_NOISE_EPSILON 0.06f       /* three times 0.02 */
+#define LULL_NOISE_WIDTH 0.0026041667f /* of weights, per noise code of three pixels */
 #define LULL_WIDEST 0.4f
 #define LULL_NARROWEST 0.001f
-#define LULL_ALBEDO_CODES 240.0f     /* per 1 of the albedo */
-#define LULL_SURFACE_SCALE 0.000384f /* of squared differences of codes */
+#define LULL_GUIDE_SCALE 0.012288f /* of squared differences of codes */
 
 #define LULL_CELL 16u              /* pixels, in either direction */
 #define LULL_CELL_LEVEL 4u         /* log2 of it */
@@ -40,19 +38,17 @@
 #define LULL_MOST_GAIN 0.5f
 #define LULL_GAIN_REACH 64u /* columns to either side on which a correction depends */
 
-/* A row of the result, 3 planes, and of the codes beside it, 3 planes of pairs: (A(r), A(g)),
- * (A(b), n(x)), (n(y), n(z)). Each plane lies so many floats or bytes after the one before. */
+/* A row of the result, 3 planes, and its guide (lull_encoding). */
 typedef struct lull_surface {
     const float *v;
-    uint8_t *pairs;
-    size_t v_plane, pair_plane;
+    const uint8_t *guide;
 } lull_surface;
 
 typedef struct lull_smoothing {
     float *out; /* 3 planes */
     const uint8_t *noise;
-    size_t out_plane;
-    lull_surface row, beside[4]; /* row y; y - 4, y - 2, y + 2, y + 4, or the nearest there is */
+    size_t out_plane, row_plane, plane; /* floats from plane to plane; the last of above, below */
+    lull_surface row, above, below;     /* row y; y - 2 and y + 2, or the nearest there is */
     unsigned pixels;
 } lull_smoothing;
 

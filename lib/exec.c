@@ -27,10 +27,9 @@ static void load(lull_task *t, unsigned rows, unsigned base_row, const lull_host
     t->base_row = base_row;
     t->chunk = lull_plan_band(t->plan);
     make_rows(t, host, rows - t->first, t->right - t->left, lull_exec_load);
-    t->plan->done[LULL_TENSOR_INPUT] = rows;
+    t->plan->done[LULL_TENSOR_INPUT] = t->plan->done[LULL_TENSOR_GUIDE] = rows;
     if (t->plan->keeps_rows)
-        t->plan->done[LULL_TENSOR_RADIANCE] = t->plan->done[LULL_TENSOR_NORMAL] =
-            t->plan->done[LULL_TENSOR_ALBEDO] = rows;
+        t->plan->done[LULL_TENSOR_RADIANCE] = t->plan->done[LULL_TENSOR_ALBEDO] = rows;
 }
 
 /* Albedo that is not kept comes in when the filter is about to need it. */
@@ -38,7 +37,7 @@ static void load_albedo(lull_task *t, const lull_host *host)
 {
     lull_plan *plan = t->plan;
     unsigned rows = lull_plan_albedo(plan);
-    plan->done[LULL_TENSOR_RADIANCE] = plan->done[LULL_TENSOR_NORMAL] = plan->done[0];
+    plan->done[LULL_TENSOR_RADIANCE] = plan->done[0];
     t->first = plan->done[LULL_TENSOR_ALBEDO];
     t->chunk = lull_plan_band(plan);
     if (lull_plan_has(plan, LULL_TENSOR_ALBEDO))

@@ -74,8 +74,10 @@ void lull_exec_patches(const lull_task *t, unsigned x, unsigned y, unsigned n, u
 void lull_exec_conv(const lull_plan *plan, unsigned l, const int32_t *start, unsigned x, unsigned y,
                     unsigned n);
 
-/* The codes that a layer of the filter keeps beside its result, at pixel x. */
+/* The codes that a layer of the filter keeps beside its result, at pixel x; those of the noise are
+ * the last. */
 uint8_t *lull_exec_codes(const lull_plan *plan, unsigned tensor, unsigned y, unsigned x);
+uint8_t *lull_exec_noise(const lull_plan *plan, unsigned tensor, unsigned y, unsigned x);
 
 /* Columns of a row of level 0 that are inside the image. */
 unsigned lull_exec_inside(const lull_task *t);
@@ -91,11 +93,6 @@ void lull_exec_filter(const lull_task *t, unsigned x, unsigned y, unsigned n, un
  * brought to `block`. */
 void lull_exec_radiance(lull_encoding *from, const lull_task *t, float *block, unsigned x,
                         unsigned y, unsigned n);
-
-/* Likewise the normals, as floats in from->normal or, if that is NULL, as three codes a pixel in
- * *codes; both are NULL without normals. */
-void lull_exec_normals(lull_encoding *from, const uint8_t **codes, const lull_task *t, float *block,
-                       unsigned x, unsigned y, unsigned n);
 
 /* Memory of a worker: lull_plan.scratch_bytes of it. */
 void *lull_exec_scratch(const lull_task *t, unsigned worker);

@@ -154,18 +154,6 @@ void lull_exec_radiance(lull_encoding *from, const lull_task *t, float *block, u
     from->most = LULL_RADIANCE_MAX;
 }
 
-void lull_exec_normals(lull_encoding *from, const uint8_t **codes, const lull_task *t, float *block,
-                       unsigned x, unsigned y, unsigned n)
-{
-    const lull_plan *plan = t->plan;
-    *codes = NULL;
-    from->normal = NULL;
-    if (!plan->keeps_rows)
-        from->normal = aux_pixels(t, 2, block, x, y - t->base_row, n);
-    else if (lull_plan_has(plan, LULL_TENSOR_NORMAL))
-        *codes = lull_exec_row(plan, LULL_TENSOR_NORMAL, y) + 3 * (size_t)(x - t->left);
-}
-
 /* n pixels from column x on of row y of the albedo tensor. */
 static void load_albedo(const lull_task *t, const float *albedo, unsigned x, unsigned y, unsigned n)
 {
@@ -175,7 +163,7 @@ static void load_albedo(const lull_task *t, const float *albedo, unsigned x, uns
             lull_exec_plane(t->plan, LULL_TENSOR_ALBEDO), albedo, n);
 }
 
-/* The same for family K: codes, and radiance, albedo and normals if they are kept from now on. */
+/* The same for family K: codes, the guide, and radiance and albedo if they are kept from now on. */
 static void load_kernel(const lull_task *t, float *block, unsigned x, unsigned y, unsigned n)
 {
     lull_plan *plan = t->plan;
@@ -188,14 +176,12 @@ static void load_kernel(const lull_task *t, float *block, unsigned x, unsigned y
     from.albedo = aux_pixels(t, 1, block + 3 * LULL_BLOCK, x, row, n);
     from.normal = aux_pixels(t, 2, block + 6 * LULL_BLOCK, x, row, n);
     from.flags = lull_filter_flags(&from, !lull_exec_content(&plan->frame).is_hdr);
+    from.guide = NULL;
+    if (lull_plan_has(plan, LULL_TENSOR_GUIDE))
+        from.guide = lull_exec_row(plan, LULL_TENSOR_GUIDE, y) + 2 * (size_t)column;
     plan->model->kernels.encode(codes, &from, n);
     if (plan->keeps_rows)
         load_albedo(t, from.albedo, x, y, n);
-    if (lull_plan_has(plan, LULL_TENSOR_NORMAL)) {
-        uint8_t *normal = lull_exec_row(plan, LULL_TENSOR_NORMAL, y) + 3 * (size_t)column;
-        for (unsigned i = 0; i < n; i++)
-            memcpy(normal + 3 * i, codes + 12 * i + 6, 3);
-    }
 }
 
 void *lull_exec_scratch(const lull_task *t, unsigned worker)

@@ -178,12 +178,17 @@ static size_t code_plane(const lull_plan *plan, unsigned tensor)
     return lull_align_up(plan->row_width >> plan->ring[tensor].level, LULL_ALIGN);
 }
 
-/* The first of them, at pixel x. */
 uint8_t *lull_exec_codes(const lull_plan *plan, unsigned tensor, unsigned y, unsigned x)
 {
     const lull_ring *ring = &plan->ring[tensor];
     return lull_exec_row(plan, tensor, y) - lull_ring_left(ring) +
            ring->channels * lull_ring_plane(ring) + x;
+}
+
+uint8_t *lull_exec_noise(const lull_plan *plan, unsigned tensor, unsigned y, unsigned x)
+{
+    int before = lull_graph_planes(&plan->model->graph, tensor) - 2;
+    return lull_exec_codes(plan, tensor, y, x) + (unsigned)before * code_plane(plan, tensor);
 }
 
 /* 5x5 means of n pixels of the layer's first source, from column x on. */
@@ -261,56 +266,23 @@ static void make_pooled(const lull_task *t, unsigned x, unsigned y, unsigned n,
 static void make_filtered(const lull_task *t, unsigned x, unsigned y, unsigned n,
                           const uint8_t *codes, size_t step, unsigned worker)
 {
-    uint8_t *kept = lull_exec_codes(t->plan, t->layer + 1, y, x);
+    const lull_plan *plan = t->plan;
+    unsigned source = plan->model->graph.layer[t->layer].source[0];
+    uint8_t *kept = lull_exec_codes(plan, t->layer + 1, y, x);
     (void)worker;
     make_means(t, x, y, n, 0.0f, 0.0f, codes, step);
     for (unsigned i = 0; i < n; i++)
         kept[i] = codes[i * step + LULL_HEAD_BLEND];
-}
-
-/* Row y of level 0's result and what stands beside it, at pixel x; returns its noise. */
-static uint8_t *get_surface(lull_surface *at, const lull_task *t, unsigned tensor, unsigned x,
-                            unsigned y)
-{
-    const lull_plan *plan = t->plan;
-    uint8_t *codes = lull_exec_codes(plan, tensor, y, 0);
-    size_t plane = code_plane(plan, tensor);
-    at->v = lull_exec_floats(plan, tensor, y, x);
-    at->v_plane = lull_exec_plane(plan, tensor);
-    at->pairs = codes + 2 * (size_t)x;
-    at->pair_plane = 2 * plane;
-    return codes + 6 * plane + x;
+    if (lull_graph_has_noise(&plan->model->graph, t->layer + 1))
+        plan->model->kernels.noise(
+            lull_exec_noise(plan, t->layer + 1, y, x), lull_exec_floats(plan, source, y, x),
+            lull_exec_plane(plan, source), lull_exec_floats(plan, t->layer + 1, y, x),
+            lull_exec_plane(plan, t->layer + 1), n);
 }
 
 unsigned lull_exec_inside(const lull_task *t)
 {
     return lull_min_u(t->plan->frame.width, t->right) - t->left;
-}
-
-/* The codes beside level 0's result. */
-static void make_noise(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker)
-{
-    const lull_plan *plan = t->plan;
-    unsigned width = lull_exec_inside(t), tensor = t->layer + 1;
-    unsigned smooth = lull_graph_find(&plan->model->graph, LULL_OP_SMOOTH, 0);
-    unsigned end = y < plan->frame.height ? lull_min_u(x + n, width) : 0;
-    float *block = lull_exec_scratch(t, worker);
-    for (; x < end; x += LULL_BLOCK) {
-        unsigned count = lull_min_u(LULL_BLOCK, end - x);
-        const uint8_t *normal;
-        uint8_t *noise;
-        lull_encoding from = {0};
-        lull_surface at;
-        lull_exec_radiance(&from, t, block, t->left + x, y, count);
-        lull_exec_normals(&from, &normal, t, block + 3 * LULL_BLOCK, t->left + x, y, count);
-        noise = get_surface(&at, t, tensor, x, y);
-        plan->model->kernels.noise(noise, &at, &from, lull_exec_floats(plan, smooth, y, x),
-                                   lull_exec_plane(plan, smooth), count);
-        for (unsigned i = 0; normal && i < count; i++) {
-            at.pairs[at.pair_plane + 2 * i + 1] = normal[3 * i];
-            memcpy(at.pairs + 2 * at.pair_plane + 2 * i, normal + 3 * i + 1, 2);
-        }
-    }
 }
 
 static void make_blended(const lull_task *t, unsigned x, unsigned y, unsigned n,
@@ -326,6 +298,7 @@ static void make_blended(const lull_task *t, unsigned x, unsigned y, unsigned n,
     lull_blending blending;
     (void)codes;
     (void)step;
+    (void)worker;
     blending.out = lull_exec_floats(plan, t->layer + 1, y, x);
     blending.out_plane = lull_exec_plane(plan, t->layer + 1);
     blending.fine = lull_exec_floats(plan, layer->source[0], y, x);
@@ -339,16 +312,24 @@ static void make_blended(const lull_task *t, unsigned x, unsigned y, unsigned n,
     lull_filter_blend(
         &plan->model->kernels, &blending, -(int)(x / 2),
         (int)(lull_min_u(right, t->right >> level) - 1 - (t->left >> level)) - (int)(x / 2), n);
-    if (lull_graph_is_smoothed(&plan->model->graph, t->layer + 1))
-        make_noise(t, x, y, n, worker);
+}
+
+/* Row y of the smoothing's first two sources at pixel x. */
+static lull_surface get_surface(const lull_plan *plan, const lull_layer *layer, unsigned x,
+                                unsigned y)
+{
+    lull_surface at;
+    at.v = lull_exec_floats(plan, layer->source[0], y, x);
+    at.guide = lull_exec_row(plan, layer->source[1], y) + 2 * (size_t)x;
+    return at;
 }
 
 static void make_bilateral(const lull_task *t, unsigned x, unsigned y, unsigned n,
                            const uint8_t *codes, size_t step, unsigned worker)
 {
-    static const int8_t beside[] = {-4, -2, 2, 4};
     const lull_plan *plan = t->plan;
-    unsigned width = lull_exec_inside(t), tensor = plan->model->graph.layer[t->layer].source[0];
+    const lull_layer *layer = &plan->model->graph.layer[t->layer];
+    unsigned width = lull_exec_inside(t), last = plan->frame.height - 1;
     lull_smoothing s;
     (void)codes;
     (void)step;
@@ -357,15 +338,15 @@ static void make_bilateral(const lull_task *t, unsigned x, unsigned y, unsigned 
         return;
     s.out = lull_exec_floats(plan, t->layer + 1, y, x);
     s.out_plane = lull_exec_plane(plan, t->layer + 1);
-    s.noise = get_surface(&s.row, t, tensor, x, y);
-    for (unsigned k = 0; k < 4; k++) {
-        int other = (int)y + beside[k], last = (int)plan->frame.height - 1;
-        get_surface(&s.beside[k], t, tensor, x,
-                    (unsigned)(other < 0 ? 0 : other > last ? last : other));
-    }
+    s.plane = s.row_plane = lull_exec_plane(plan, layer->source[0]);
+    s.noise = lull_exec_noise(plan, layer->source[2], y, x);
+    s.row = get_surface(plan, layer, x, y);
+    s.above = get_surface(plan, layer, x, y < 2 ? 0 : y - 2);
+    s.below = get_surface(plan, layer, x, lull_min_u(y + 2, last));
     n = lull_min_u(n, width - x);
     lull_filter_bilateral(&plan->model->kernels, &s, -(int)x, (int)(width - 1) - (int)x, n);
-    memcpy(lull_exec_codes(plan, t->layer + 1, y, x), s.noise, n);
+    if (lull_graph_has_noise(&plan->model->graph, t->layer + 1))
+        memcpy(lull_exec_noise(plan, t->layer + 1, y, x), s.noise, n);
 }
 
 static void make_residual(const lull_task *t, unsigned x, unsigned y, unsigned n,

@@ -29,7 +29,7 @@ static void add_rows(float *sums, const lull_task *t, unsigned x, unsigned end, 
     for (; y < bottom; y++) {
         b.v = lull_exec_floats(plan, tensor, y, x);
         b.smooth = lull_exec_floats(plan, smooth, y, x);
-        b.noise = lull_exec_codes(plan, tensor, y, x);
+        b.noise = lull_exec_noise(plan, tensor, y, x);
         lull_exec_radiance(&from, t, block, t->left + x, y, b.pixels);
         plan->model->kernels.residual(&b, &from);
     }
@@ -155,7 +155,7 @@ void lull_exec_correct(const lull_task *t, unsigned x, unsigned y, unsigned n)
             near = near < first ? first : near;
             correct(lull_exec_floats(plan, t->layer + 1, y, x), out_plane,
                     lull_exec_floats(plan, tensor, y, x), plane,
-                    lull_exec_codes(plan, tensor, y, x), gain[near - first], gain[next - first],
+                    lull_exec_noise(plan, tensor, y, x), gain[near - first], gain[next - first],
                     at, count);
             x += count;
         }

@@ -53,29 +53,23 @@ LULL_NOINLINE static void smooth_edge(const lull_kernels *kernels, const lull_sm
                                       int first, int last, int i, int n)
 {
     float v[3 * COLUMNS];
-    uint8_t pairs[6 * COLUMNS], noise[COLUMNS];
+    uint8_t guide[2 * COLUMNS], noise[COLUMNS];
     lull_smoothing part = *s;
     for (int d = 0; d < n + 2 * REACH; d++) {
         int x = i + d - REACH;
         x = x < first ? first : x > last ? last : x;
         noise[d] = s->noise[x];
-        for (int c = 0; c < 3; c++) {
-            const uint8_t *pair = s->row.pairs + c * (ptrdiff_t)s->row.pair_plane + 2 * x;
-            v[c * COLUMNS + d] = s->row.v[c * (ptrdiff_t)s->row.v_plane + x];
-            pairs[2 * (c * COLUMNS + d)] = pair[0];
-            pairs[2 * (c * COLUMNS + d) + 1] = pair[1];
-        }
+        memcpy(guide + 2 * d, s->row.guide + 2 * (ptrdiff_t)x, 2);
+        for (int c = 0; c < 3; c++)
+            v[c * COLUMNS + d] = s->row.v[c * (ptrdiff_t)s->row_plane + x];
     }
     part.out += i;
     part.noise = noise + REACH;
     part.row.v = v + REACH;
-    part.row.pairs = pairs + 2 * REACH;
-    part.row.v_plane = COLUMNS;
-    part.row.pair_plane = 2 * COLUMNS;
-    for (unsigned k = 0; k < 4; k++) {
-        part.beside[k].v += i;
-        part.beside[k].pairs += 2 * i;
-    }
+    part.row.guide = guide + 2 * REACH;
+    part.row_plane = COLUMNS;
+    part.above.v += i, part.above.guide += 2 * i;
+    part.below.v += i, part.below.guide += 2 * i;
     part.pixels = (unsigned)n;
     kernels->bilateral(&part);
 }
@@ -93,12 +87,9 @@ void lull_filter_bilateral(const lull_kernels *kernels, const lull_smoothing *sm
         smooth_edge(kernels, smoothing, first, last, i, begin - i < EDGE ? begin - i : EDGE);
     inside.out += begin;
     inside.noise += begin;
-    inside.row.v += begin;
-    inside.row.pairs += 2 * begin;
-    for (unsigned k = 0; k < 4; k++) {
-        inside.beside[k].v += begin;
-        inside.beside[k].pairs += 2 * begin;
-    }
+    inside.row.v += begin, inside.row.guide += 2 * begin;
+    inside.above.v += begin, inside.above.guide += 2 * begin;
+    inside.below.v += begin, inside.below.guide += 2 * begin;
     inside.pixels = (unsigned)(end - begin);
     if (begin < end)
         kernels->bilateral(&inside);

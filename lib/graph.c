@@ -101,8 +101,10 @@ unsigned lull_graph_find(const lull_graph *graph, lull_op op, unsigned level)
 
 unsigned lull_graph_channels(const lull_graph *graph, unsigned tensor)
 {
-    if (tensor == LULL_TENSOR_RADIANCE || tensor == LULL_TENSOR_NORMAL)
+    if (tensor == LULL_TENSOR_RADIANCE)
         return 3;
+    if (tensor == LULL_TENSOR_GUIDE)
+        return 2;
     if (tensor == LULL_TENSOR_ALBEDO)
         return 4;
     return tensor == LULL_TENSOR_INPUT ? graph->inputs : graph->layer[tensor - 1].outputs;
@@ -124,7 +126,7 @@ unsigned lull_graph_max(const lull_graph *graph, unsigned tensor)
 
 lull_dtype lull_graph_dtype(const lull_graph *graph, unsigned tensor)
 {
-    if (tensor == LULL_TENSOR_NORMAL)
+    if (tensor == LULL_TENSOR_GUIDE)
         return LULL_DTYPE_U8;
     if (!graph->is_integer || tensor > LULL_MAX_LAYERS)
         return LULL_DTYPE_F32;
@@ -295,16 +297,19 @@ static lull_status add_filters(lull_graph *graph, const lull_tza *tza)
     static const lull_reads smooth[] = {LULL_READS_5, LULL_READS_ROW};
     static const lull_reads rows3[] = {LULL_READS_ROW, LULL_READS_ROW, LULL_READS_ROW};
     static const lull_reads pool[] = {LULL_READS_FINE, LULL_READS_ROW};
-    static const lull_reads blend[] = {LULL_READS_ROW, LULL_READS_COARSE, LULL_READS_ROW};
-    static const lull_reads bilateral[] = {LULL_READS_9, LULL_READS_ROW};
+    static const lull_reads blend[] = {LULL_READS_ROW, LULL_READS_COARSE};
+    static const lull_reads bilateral[] = {LULL_READS_5, LULL_READS_5, LULL_READS_ROW};
     static const lull_reads cell[] = {LULL_READS_CELL, LULL_READS_CELL};
     static const lull_reads correct[] = {LULL_READS_ROW, LULL_READS_CELLS};
     unsigned head[K_LEVELS], filtered[K_LEVELS], v, even, result;
     lull_tza_tensor asked;
-    int has_bilateral = lull_tza_find(tza, "bilateral", ".scale", &asked);
-    if (has_bilateral &&
-        !(has_shape(&asked, 'f', 1, 0, 0) && lull_tza_float(&asked, 0) == 1.0f))
-        return LULL_ERROR_NETWORK;
+    int has_bilateral = lull_tza_find(tza, "bilateral", ".scale", &asked), has_residual = 0;
+    if (has_bilateral) {
+        float form = has_shape(&asked, 'f', 1, 0, 0) ? lull_tza_float(&asked, 0) : 0.0f;
+        has_residual = form == 1.0f;
+        if (!has_residual && form != 2.0f)
+            return LULL_ERROR_NETWORK;
+    }
     for (unsigned s = 0; s < K_LEVELS; s++) {
         head[s] = lull_graph_find(graph, LULL_OP_HEAD, s);
         if (head[s] == LULL_TENSOR_NONE)
@@ -326,16 +331,13 @@ static lull_status add_filters(lull_graph *graph, const lull_tza *tza)
     }
     result = filtered[K_LEVELS - 1];
     for (unsigned s = K_LEVELS - 1; s-- > 0;)
-        result = add_filter(
-            graph, LULL_OP_BLEND, s, 3,
-            (unsigned[]){filtered[s], result,
-                         s || !has_bilateral ? LULL_TENSOR_NONE : LULL_TENSOR_RADIANCE},
-            blend);
-    if (has_bilateral) {
-        unsigned sums;
+        result = add_filter(graph, LULL_OP_BLEND, s, 3,
+                            (unsigned[]){filtered[s], result, LULL_TENSOR_NONE}, blend);
+    if (has_bilateral)
         result = add_filter(graph, LULL_OP_BILATERAL, 0, 3,
-                            (unsigned[]){result, LULL_TENSOR_NORMAL, LULL_TENSOR_NONE}, bilateral);
-        sums = add_filter(graph, LULL_OP_RESIDUAL, LULL_CELL_LEVEL, LULL_CELL_SUMS,
+                            (unsigned[]){result, LULL_TENSOR_GUIDE, filtered[0]}, bilateral);
+    if (has_residual) {
+        unsigned sums = add_filter(graph, LULL_OP_RESIDUAL, LULL_CELL_LEVEL, LULL_CELL_SUMS,
                           (unsigned[]){result, LULL_TENSOR_RADIANCE, LULL_TENSOR_NONE}, cell);
         result = add_filter(graph, LULL_OP_CORRECT, 0, 3,
                             (unsigned[]){result, sums, LULL_TENSOR_NONE}, correct);
@@ -360,7 +362,7 @@ static void choose_forms(lull_graph *graph)
  * all pixels of a patch depend on all that its points are made of. */
 static unsigned reach(const lull_graph *graph, int is_exact)
 {
-    static const uint8_t radius[] = {0, 1, 2, 4, 1, 0, 0, LULL_GAIN_REACH};
+    static const uint8_t radius[] = {0, 1, 2, 1, 0, 0, LULL_GAIN_REACH};
     unsigned field = 0, align = 1u << graph->levels;
     for (unsigned i = 0; i < graph->layers; i++) {
         const lull_layer *layer = &graph->layer[i];
@@ -444,10 +446,11 @@ int lull_graph_is_local(const lull_graph *graph, unsigned tensor)
     return tensor >= 1 && tensor <= graph->layers && layer->op == LULL_OP_HEAD && layer->level == 0;
 }
 
-int lull_graph_is_smoothed(const lull_graph *graph, unsigned tensor)
+int lull_graph_has_noise(const lull_graph *graph, unsigned tensor)
 {
     unsigned smoothed = lull_graph_find(graph, LULL_OP_BILATERAL, 0);
-    return smoothed != LULL_TENSOR_NONE && graph->layer[smoothed - 1].source[0] == tensor;
+    return smoothed != LULL_TENSOR_NONE && (graph->layer[smoothed - 1].source[2] == tensor ||
+                                            (smoothed == tensor && smoothed < graph->layers));
 }
 
 int lull_graph_planes(const lull_graph *graph, unsigned tensor)
@@ -456,9 +459,7 @@ int lull_graph_planes(const lull_graph *graph, unsigned tensor)
     if (tensor == LULL_TENSOR_ALBEDO)
         return 1;
     op = tensor >= 1 && tensor <= graph->layers ? graph->layer[tensor - 1].op : LULL_OP_CONV;
-    if (op == LULL_OP_BLEND && lull_graph_is_smoothed(graph, tensor))
-        return 1 + LULL_BILATERAL_CODES;
-    return op == LULL_OP_FILTER || op == LULL_OP_BILATERAL ? 2 : op > LULL_OP_HEAD;
+    return (op > LULL_OP_HEAD) + (op == LULL_OP_FILTER) + lull_graph_has_noise(graph, tensor);
 }
 
 uint64_t lull_graph_macs_per_pixel(const lull_graph *graph)

@@ -10,11 +10,11 @@
 
 /* Tensors are numbered: 0 is the input of the network, 1 + i the output of layer i. Family K also
  * keeps of the frame the unencoded radiance (r,g,b), the albedo (1,r,g,b; zeros outside the image)
- * and the codes of the normal. */
+ * and a guide made of the codes of the normal or albedo (lull_encoding). */
 #define LULL_TENSOR_INPUT 0
 #define LULL_TENSOR_RADIANCE (LULL_MAX_LAYERS + 1)
 #define LULL_TENSOR_ALBEDO (LULL_MAX_LAYERS + 2)
-#define LULL_TENSOR_NORMAL (LULL_MAX_LAYERS + 3)
+#define LULL_TENSOR_GUIDE (LULL_MAX_LAYERS + 3)
 #define LULL_TENSORS (LULL_MAX_LAYERS + 4)
 #define LULL_TENSOR_NONE 0xff
 
@@ -33,11 +33,11 @@ typedef enum lull_op {
     LULL_OP_DEMODULATE, /* radiance, smooth, head: (confidence, confidence * demodulated radiance)
                          */
     LULL_OP_POOL,       /* the same of the next level, head of that level */
-    LULL_OP_FILTER, /* it, head: filtered radiance (r,g,b), and the codes of the blend weights */
-    LULL_OP_BLEND,  /* it, coarser result: result (r,g,b); for the next one also the codes of the
-                     * albedo, the normal and the noise, from smooth and the radiance */
-    LULL_OP_BILATERAL, /* level 0's result, normal: smoothed, and the codes of the noise; this
-                        * and what follows if the file asks for it */
+    LULL_OP_FILTER, /* it, head: filtered radiance (r,g,b), and the codes of the blend weights; of
+                     * level 0 also those of the noise, for the next but one */
+    LULL_OP_BLEND,  /* it, coarser result: result (r,g,b) */
+    LULL_OP_BILATERAL, /* level 0's result, guide, its filter: smoothed, and the codes of the noise
+                        * for what follows; both if the file asks for it */
     LULL_OP_RESIDUAL,  /* it, radiance: sums over the pixels of a cell */
     LULL_OP_CORRECT    /* smoothed result, sums: result */
 } lull_op;
@@ -47,7 +47,6 @@ typedef enum lull_reads {
     LULL_READS_ROW,    /* y */
     LULL_READS_3,      /* y-1 .. y+1 */
     LULL_READS_5,      /* y-2 .. y+2 */
-    LULL_READS_9,      /* y-4 .. y+4 */
     LULL_READS_COARSE, /* of half the resolution: (y+1)/2 - 1 and (y+1)/2 */
     LULL_READS_FINE,   /* of twice the resolution: 2y, 2y+1 */
     LULL_READS_CELL,   /* of 16 times the resolution: 16y .. 16y+15 */
@@ -109,8 +108,9 @@ unsigned lull_graph_max(const lull_graph *graph, unsigned tensor);
  * albedo; other rows interleave the channels. Planes of bytes may follow: one more for each. */
 int lull_graph_planes(const lull_graph *graph, unsigned tensor);
 
-/* 1 if the smoothing along the result, which not all models have, reads a tensor as its result. */
-int lull_graph_is_smoothed(const lull_graph *graph, unsigned tensor);
+/* 1 if the codes of the noise stand beside a tensor for the smoothing along the result, which not
+ * all models have. */
+int lull_graph_has_noise(const lull_graph *graph, unsigned tensor);
 
 /* 1 if the layer has weights. */
 int lull_layer_is_conv(const lull_layer *layer);

@@ -71,23 +71,31 @@ typedef struct lull_conv {
  *
  * filter5: with S[c] = sum over k = 0..24, in that order, of
  *     table[codes[p * code_step + k]] * rows[k / 5][c * plane + p + k % 5 - 2],
- *     out[c * out_plane + p] = S[0] > 0 ? S[c + 1] / S[0] + more : none, for c = 0, 1, 2.
+ *     out[c * out_plane + p] = S[0] > 0 ? S[c + 1] (1 / S[0]) + more : none, for c = 0, 1, 2.
  *
  * lull_encoding: 3 floats a pixel as they are in the caller's image. Radiance counts as
  *     R = S(radiance, scale, 0, most), albedo as S(albedo, 1, 0, 1), or as 1
  *     where that is 0 in all three channels, normals as S(normal, 1, -1, 1), S being lull_sane;
  *     scale >= 0, most <= 65504. Albedo and normals may be NULL.
  *
- * encode: 12 codes a pixel. The last three codes are the bytes of `flags`, the lowest first.
+ * Shares of three numbers v, of (top, bottom): with s = top / (((v(0) v(1)) v(2)) bottom) they are
+ *     (v(1) v(2)) s, (v(0) v(2)) s and (v(0) v(1)) s: top / (v bottom) with one division.
+ *
+ * encode: 12 codes a pixel, those of the radiance from u = 1 + LULL_LOG_GAIN (R share), share of
+ *     the albedo + epsilon (1, 1). To from->guide, if it is not NULL, two bytes a pixel of at
+ *     most 127, of the codes n of the normal or, without it, a of the albedo, divisions cut:
+ *     (2 n(x) - n(y) - n(z) + 510) / 8 and 7 (n(y) - n(z) + 255) / 32, which for lack of a third
+ *     do not tell normals apart that differ along (1,1,1); a(r) / 2 and (a(g) + a(b)) / 4. The last
+ *     three codes are the bytes of `flags`, the lowest first.
  *
  * spread: planes (1, albedo), counting as above.
  *
- * demodulate: with C = table[codes[p * code_step + LULL_HEAD_CONFIDENCE]], planes (C, C (R /
- *     smooth), ...); smooth has 3 planes, smooth_plane apart.
+ * demodulate: with C = table[codes[p * code_step + LULL_HEAD_CONFIDENCE]], planes (C, C (R
+ *     share), ...), share being that of `smooth` (1, 1); smooth has 3 planes, smooth_plane apart.
  *
  * shrink: planes (C, C mean, ...), C as above; mean: the sum over the 2x2 pixels below of planes 1
- *     to 3 by that of plane 0, each ((above left + right) + below left) + right. Zeros where the
- *     latter is 0.
+ *     to 3 times 1 / that of plane 0, each ((above left + right) + below left) + right. Zeros where
+ *     the latter is 0.
  *
  * blend: pixels 2 i and 2 i + 1 of `fine` (3 planes) lie on pixel i of two coarse rows, whose
  *     pixels i - 1 and i + 1 are there, too. With here = 0.75 near + 0.25 far of coarse pixel i,
@@ -104,11 +112,19 @@ typedef struct lull_conv {
 #define LULL_LARGEST 3.402823466e38f /* FLT_MAX */
 #define LULL_LOG_GAIN 32.0f
 #define LULL_CODES_PER_OCTAVE 21.2493764f /* 255 / log2(1 + 32 * 128) */
+/* A code of u = m 2^e, m in [sqrt(1/2), sqrt(2)), t = m - 1: e LULL_CODES_PER_OCTAVE + t
+ * ((LULL_LOG_2 t + LULL_LOG_1) + (t t) (LULL_LOG_4 t + LULL_LOG_3)), within 0.0022 of the
+ * logarithm's. */
+#define LULL_LOG_1 30.6365147f
+#define LULL_LOG_2 -15.4037612f
+#define LULL_LOG_3 10.996752f
+#define LULL_LOG_4 -7.00442797f
 
 typedef struct lull_encoding {
     const float *radiance, *albedo, *normal;
     float scale, most;
     uint32_t flags;
+    uint8_t *guide;
 } lull_encoding;
 
 /* Channels of a head after the 25 logits of the radiance kernel. */

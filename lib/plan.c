@@ -25,7 +25,7 @@ enum { MANY_STEP, FEW_STEP, SMALL_STEP };
  * number of rows of the layer. */
 static unsigned rows_ready(lull_reads reads, unsigned rows, unsigned height, unsigned all)
 {
-    static const uint8_t below[] = {0, 1, 2, 4}; /* rows after y that are read */
+    static const uint8_t below[] = {0, 1, 2}; /* rows after y that are read */
     if (rows >= height)
         return all;
     if (reads == LULL_READS_CELL)
@@ -42,7 +42,7 @@ static unsigned rows_ready(lull_reads reads, unsigned rows, unsigned height, uns
 /* The first row of a source that a layer still needs whose next row (before pooling) is `row`. */
 static unsigned rows_needed(lull_reads reads, unsigned row)
 {
-    static const uint8_t above[] = {0, 1, 2, 4, 1, 0, 0, 2};
+    static const uint8_t above[] = {0, 1, 2, 1, 0, 0, 2};
     if (reads == LULL_READS_CELL)
         row = LULL_CELL * row;
     if (reads == LULL_READS_CELLS)
@@ -63,10 +63,8 @@ int lull_plan_has(const lull_plan *plan, unsigned tensor)
         return 0;
     if (tensor == LULL_TENSOR_ALBEDO)
         return !(~plan->frame.features & 3u);
-    if (tensor == LULL_TENSOR_NORMAL &&
-        (lull_graph_find(graph, LULL_OP_BILATERAL, 0) == LULL_TENSOR_NONE ||
-         plan->frame.features < 5))
-        return 0;
+    if (tensor == LULL_TENSOR_GUIDE)
+        return lull_graph_find(graph, LULL_OP_BILATERAL, 0) != LULL_TENSOR_NONE;
     return (int)plan->keeps_rows;
 }
 
@@ -174,12 +172,12 @@ static void play(lull_plan *plan)
         plan->ring[t].rows = 1;
     while (plan->stored < plan->height) {
         plan->done[0] = lull_min_u(plan->done[0] + plan->row_step, plan->height);
-        plan->done[LULL_TENSOR_RADIANCE] = plan->done[LULL_TENSOR_NORMAL] = plan->done[0];
+        plan->done[LULL_TENSOR_RADIANCE] = plan->done[LULL_TENSOR_GUIDE] = plan->done[0];
         if (plan->keeps_rows)
             plan->done[LULL_TENSOR_ALBEDO] = plan->done[0];
         grow_ring(plan, LULL_TENSOR_INPUT);
         grow_ring(plan, LULL_TENSOR_RADIANCE);
-        grow_ring(plan, LULL_TENSOR_NORMAL);
+        grow_ring(plan, LULL_TENSOR_GUIDE);
         grow_ring(plan, LULL_TENSOR_ALBEDO);
         for (unsigned l = 0; l < graph->layers; l++) {
             if (graph->layer[l].op == LULL_OP_SMOOTH && !plan->keeps_rows) {
@@ -454,7 +452,7 @@ static unsigned first_step(const lull_plan *plan)
 {
     const lull_graph *graph = &plan->model->graph;
     if (plan->threads > FEW_THREADS ||
-        lull_graph_find(graph, LULL_OP_BILATERAL, 0) != LULL_TENSOR_NONE)
+        lull_graph_find(graph, LULL_OP_CORRECT, 0) != LULL_TENSOR_NONE)
         return MANY_STEP;
     return graph->family == LULL_FAMILY_K ? SMALL_STEP : FEW_STEP;
 }

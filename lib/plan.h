@@ -42,7 +42,7 @@ size_t lull_ring_left(const lull_ring *ring);
 /* Tensors made of the input images. */
 #define LULL_LOADED 4u
 static const uint8_t lull_loaded[LULL_LOADED] = {LULL_TENSOR_INPUT, LULL_TENSOR_RADIANCE,
-                                                 LULL_TENSOR_ALBEDO, LULL_TENSOR_NORMAL};
+                                                 LULL_TENSOR_ALBEDO, LULL_TENSOR_GUIDE};
 
 struct lull_plan {
     const lull_model *model;

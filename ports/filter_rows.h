@@ -21,6 +21,7 @@
  *                                   table values of the lowest bytes of q
  *   codes_at(q, step, n)            the dword at q + i * step in lane i < n
  *   look_up(table, q, n)            table[q[i]] in lane i < n
+ *   put_pairs(p, q, n)              the lowest two bytes of the first n lanes of q
  *   NAME(op)                        lull_<op>_<isa>
  */
 
@@ -39,17 +40,25 @@
 /* v + 0.5 as codes: cut, and at most 255. */
 LULL_INLINE ivec to_codes(vec v) { return whole(low(add(v, set(0.5f)), set(255.0f))); }
 
-/* log2 of u >= 1 (docs/arithmetic.md). */
-LULL_INLINE vec log2_of(vec u)
+/* Logarithm of u >= 1 in codes (kernels.h). */
+LULL_INLINE vec log_code(vec u)
 {
-    const vec one = set(1.0f);
     ivec exponent = shift_sign(sub_int(ints(u), set_int(0x3f3504f3)), 23);
-    vec m = floats(sub_int(ints(u), shift_left(exponent, 23)));
-    vec s = quotient(sub(m, one), add(m, one));
-    vec w = mul(s, s);
-    vec p = add(mul(set(0.431737901252f), w), set(0.576714309537f));
-    vec q = add(mul(set(0.961798848299f), w), set(2.88539007979f));
-    return add(number(exponent), mul(s, add(mul(p, mul(w, w)), q)));
+    vec t = sub(floats(sub_int(ints(u), shift_left(exponent, 23))), set(1.0f));
+    vec p = add(mul(set(LULL_LOG_2), t), set(LULL_LOG_1));
+    vec q = add(mul(set(LULL_LOG_4), t), set(LULL_LOG_3));
+    p = mul(t, add(p, mul(mul(t, t), q)));
+    return add(mul(number(exponent), set(LULL_CODES_PER_OCTAVE)), p);
+}
+
+/* Shares of v, in its place (kernels.h). */
+LULL_INLINE void shares(vec *v, vec top, vec bottom)
+{
+    vec first = mul(v[0], v[1]), share = quotient(top, mul(mul(first, v[2]), bottom));
+    vec other = mul(v[0], v[2]);
+    v[0] = mul(mul(v[1], v[2]), share);
+    v[1] = mul(other, share);
+    v[2] = mul(first, share);
 }
 
 /* Radiance, sanitised. The maximum is 0 if v is no number. */
@@ -76,11 +85,10 @@ LULL_INLINE void load_albedo(const float *p, unsigned n, vec *a)
         a[c] = choose(sum, a[c], set(1.0f));
 }
 
-LULL_INLINE ivec radiance_code(const lull_encoding *from, vec r, vec albedo)
+LULL_INLINE ivec radiance_code(const lull_encoding *from, vec r, vec share)
 {
-    vec v = quotient(sane_radiance(r, from), add(albedo, set(LULL_FILTER_EPSILON)));
-    v = add(set(1.0f), mul(set(LULL_LOG_GAIN), v));
-    return to_codes(mul(log2_of(v), set(LULL_CODES_PER_OCTAVE)));
+    vec v = mul(sane_radiance(r, from), share);
+    return to_codes(log_code(add(set(1.0f), mul(set(LULL_LOG_GAIN), v))));
 }
 
 LULL_INLINE ivec albedo_code(vec albedo) { return to_codes(mul(albedo, set(255.0f))); }
@@ -96,6 +104,21 @@ LULL_INLINE ivec dword(ivec a, ivec b, ivec c, ivec d)
     return or_int(or_int(a, shift_left(b, 8)), or_int(shift_left(c, 16), shift_left(d, 24)));
 }
 
+/* The guide (kernels.h). */
+LULL_INLINE ivec guide_of(const ivec *albedo, const ivec *normal)
+{
+    const ivec *a = albedo, *m = normal;
+    ivec first = sub_int(sub_int(shift_left(m[0], 1), m[1]), sub_int(m[2], set_int(510)));
+    ivec second = sub_int(m[1], sub_int(m[2], set_int(255)));
+    first = shift_right(first, 3);
+    second = shift_right(sub_int(shift_left(second, 3), second), 5);
+    if (albedo) {
+        first = shift_right(a[0], 1);
+        second = shift_right(sub_int(a[1], sub_int(set_int(0), a[2])), 2);
+    }
+    return or_int(first, shift_left(second, 8));
+}
+
 LULL_INLINE void encode_block(uint8_t *codes, const lull_encoding *from, size_t p, unsigned n)
 {
     const ivec zero = set_int(0), middle = set_int(128);
@@ -106,6 +129,9 @@ LULL_INLINE void encode_block(uint8_t *codes, const lull_encoding *from, size_t 
         load_albedo(from->albedo + 3 * p, n, v);
         a[0] = albedo_code(v[0]), a[1] = albedo_code(v[1]), a[2] = albedo_code(v[2]);
     }
+    for (unsigned c = 0; c < 3; c++)
+        v[c] = add(v[c], set(LULL_FILTER_EPSILON));
+    shares(v, set(1.0f), set(1.0f));
     split(from->radiance + 3 * p, n, &r, &g, &b);
     d0 = dword(radiance_code(from, r, v[0]), radiance_code(from, g, v[1]),
                radiance_code(from, b, v[2]), a[0]);
@@ -113,6 +139,8 @@ LULL_INLINE void encode_block(uint8_t *codes, const lull_encoding *from, size_t 
         split(from->normal + 3 * p, n, &r, &g, &b);
         m[0] = normal_code(r), m[1] = normal_code(g), m[2] = normal_code(b);
     }
+    if (from->guide)
+        put_pairs(from->guide + 2 * p, guide_of(from->normal ? NULL : a, m), n);
     d1 = dword(a[1], a[2], m[0], m[1]);
     d2 = or_int(m[2], set_int((int)(from->flags << 8)));
     join((float *)(void *)(codes + 12 * p), n, floats(d0), floats(d1), floats(d2));
@@ -141,22 +169,24 @@ void NAME(spread)(float *out, size_t plane, const float *albedo, unsigned pixels
 #undef BLOCK
 }
 
-LULL_INLINE vec
-    demodulated(vec r, const float *smooth, vec confidence, const lull_encoding *from, unsigned n)
+LULL_INLINE vec demodulated(vec r, vec share, vec confidence, const lull_encoding *from)
 {
-    return mul(confidence, quotient(sane_radiance(r, from), load_n(smooth, n)));
+    return mul(confidence, mul(sane_radiance(r, from), share));
 }
 
 LULL_INLINE void demodulate_block(float *out, size_t plane, const lull_encoding *from,
                                   const float *radiance, const float *smooth, size_t smooth_plane,
                                   ivec codes, const tables *t, unsigned n)
 {
-    vec r, g, b, c = weights(t, codes);
+    vec r, g, b, v[3], c = weights(t, codes);
+    for (unsigned i = 0; i < 3; i++)
+        v[i] = load_n(smooth + i * smooth_plane, n);
+    shares(v, set(1.0f), set(1.0f));
     split(radiance, n, &r, &g, &b);
     store_n(out, c, n);
-    store_n(out + plane, demodulated(r, smooth, c, from, n), n);
-    store_n(out + 2 * plane, demodulated(g, smooth + smooth_plane, c, from, n), n);
-    store_n(out + 3 * plane, demodulated(b, smooth + 2 * smooth_plane, c, from, n), n);
+    store_n(out + plane, demodulated(r, v[0], c, from), n);
+    store_n(out + 2 * plane, demodulated(g, v[1], c, from), n);
+    store_n(out + 3 * plane, demodulated(b, v[2], c, from), n);
 }
 
 /* Confidence codes of n pixels from pixel p on. */
@@ -191,10 +221,11 @@ LULL_INLINE void shrink_block(float *out, size_t out_plane, const float *upper, 
                               size_t plane, ivec codes, const tables *t, unsigned n)
 {
     vec weight = sum_2x2(upper, lower, n), c = weights(t, codes), zero = set(0.0f);
+    vec share = quotient(set(1.0f), weight);
     store_n(out, choose(weight, c, zero), n);
     for (unsigned i = 1; i < 4; i++) {
         vec sum = sum_2x2(upper + i * plane, lower + i * plane, n);
-        store_n(out + i * out_plane, choose(weight, mul(c, quotient(sum, weight)), zero), n);
+        store_n(out + i * out_plane, choose(weight, mul(c, mul(sum, share)), zero), n);
     }
 }
 

@@ -8,9 +8,9 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from export.smooth import (ALBEDO_CODES, BALANCE_EPS, CELL, MOST_GAIN, MOST_LACKING, NOISE_GAIN,
-                           NOISE_SHARE, OFFSETS, RESULT_GAIN, SPARK, SPARKS_LEAST, SPARKS_SQUARED,
-                           SURFACE_GAIN, WIDTH_MAX, WIDTH_MIN, WIDTH_PER_CODE)
+from export.smooth import (BALANCE_EPS, CELL, GUIDE_GAIN, MOST_GAIN, MOST_LACKING, NOISE_EPS,
+                           NOISE_GAIN, NOISE_SHARE, OFFSETS, RESULT_GAIN, SPARK, SPARKS_LEAST,
+                           SPARKS_SQUARED, WIDTH_MAX, WIDTH_MIN, WIDTH_PER_CODE)
 from training import fused
 
 SIDE, RADIUS, TAPS = 5, 2, 25
@@ -143,18 +143,20 @@ def divisor(logits: Tensor, albedo: Tensor, has_albedo: Tensor) -> Tensor:
 
 
 def smooth_result(out: Tensor, head: Tensor, radiance: Tensor, albedo: Tensor, has_albedo: Tensor,
-                  normal_codes: Tensor, clipped: Tensor) -> Tensor:
+                  codes: Tensor, corrects: Tensor) -> Tensor:
     """The result `out` of apply_filter after the last steps, [N,3,H,W].
 
-    head: that of full resolution; normal_codes: whole numbers of 0..255, [N,3,H,W]; clipped: 1
-    where the radiance was and lacks light itself, else 0, [N,1,H,W].
+    head: that of full resolution; codes: the network's input, whole numbers of 0..255, [N,12,H,W];
+    corrects: where the last step is one of them, bool [N,1,H,W].
     """
-    logits = split_codes(head.to(radiance.dtype), FULL_PARTS)[3]
-    s = divisor(logits, albedo, has_albedo)
+    logits, confidence, _, smoothing = split_codes(head.to(radiance.dtype), FULL_PARTS)
+    s = divisor(smoothing, albedo, has_albedo)
     radiance = radiance.clamp(0.0, RADIANCE_MAX)
-    noise = noise_codes(out / s, radiance / s)
-    v = smoothed(out / s, s, noise, normal_codes)
-    return torch.where(clipped > 0, v, corrected(v, s, noise, radiance)) * s
+    c, first = torch.exp(confidence + CONFIDENCE), radiance / s
+    sums = kernel_filter(logits, torch.cat((c, c * first), 1))
+    noise = noise_codes(first, sums[:, 1:] / sums[:, :1])
+    v = smoothed(out / s, noise, guide_of(codes))
+    return torch.where(corrects, corrected(v, s, noise, radiance), v) * s
 
 
 def moved(v: Tensor, offset: tuple[int, int]) -> Tensor:
@@ -172,22 +174,30 @@ def codes_of(v: Tensor) -> Tensor:
     return torch.floor(v + 0.5).clamp(max=255.0)
 
 
-def noise_codes(out: Tensor, first: Tensor) -> Tensor:
-    """export.smooth.noise_codes of tensors [N,3,H,W]."""
-    return codes_of(float(NOISE_GAIN) * summed((first - out).abs() / (out + EPS)))
+def noise_codes(first: Tensor, filtered: Tensor) -> Tensor:
+    """export.smooth.noise_codes of tensors [N,3,H,W], the demodulated input and its 5x5 means."""
+    apart = summed((first - filtered).abs())
+    return codes_of(float(NOISE_GAIN) * (apart / (summed(filtered) + float(NOISE_EPS))))
 
 
-def smoothed(out: Tensor, smooth: Tensor, noise: Tensor, normal_codes: Tensor) -> Tensor:
+def guide_of(codes: Tensor) -> Tensor:
+    """export.smooth.guide_of of tensors [N,12,H,W]: [N,2,H,W]."""
+    r, g, b, x, y, z, _, has_normal = codes[:, 3:11].split(1, 1)
+    normal = (2 * x - y - z + 510) / 8, 7 * (y - z + 255) / 32
+    guide = torch.where(has_normal > 0, torch.cat(normal, 1), torch.cat((r / 2, (g + b) / 4), 1))
+    return guide.floor()
+
+
+def smoothed(out: Tensor, noise: Tensor, guide: Tensor) -> Tensor:
     """export.smooth.smoothed of tensors [N,3,H,W]."""
     width = sum(moved(noise, (k, 0)) for k in (-1, 0, 1)) * float(WIDTH_PER_CODE)
     width = width.clamp(float(WIDTH_MIN), float(WIDTH_MAX))
     gain = (float(RESULT_GAIN) / width) / (out + EPS)
-    surface = torch.cat((codes_of(float(ALBEDO_CODES) * smooth), normal_codes), 1)
     weights, total = torch.ones_like(out[:, :1]), torch.zeros_like(out)
     for k in OFFSETS:
         change = moved(out, k) - out
-        apart = (moved(surface, k) - surface).square().sum(1, keepdim=True)
-        t = summed((change * gain).square()) + float(SURFACE_GAIN) * apart
+        apart = (moved(guide, k) - guide).square().sum(1, keepdim=True)
+        t = summed((change * gain).square()) + float(GUIDE_GAIN) * apart
         w = (1.0 - t).clamp(min=0.0).square()
         weights = weights + w
         total = total + w * change

@@ -35,7 +35,7 @@ class IntegerKernel(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         return kernel_model.run(self.trunk, self.transfer, x,
-                                smooth=self.bilateral and not self.training)
+                                bilateral=0 if self.training else self.bilateral)
 
     def integer_model(self) -> IntTrunk:
         """The model as it is now; ModelError if sums could leave 32 bits."""

@@ -13,7 +13,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from export.kernel import without_black
+from export.kernel import SMOOTH_AND_CORRECT, without_black
 from training import color
 from training.kernel_filter import apply_filter, smooth_result
 from training.kernel_net import KernelNet, encode
@@ -47,11 +47,12 @@ def planes(codes: np.ndarray, features: list[str], has_albedo: bool = True,
 
 
 def run(trunk: Callable[[Tensor], list[Tensor]], transfer: str, x: Tensor,
-        kind: torch.dtype = torch.float32, smooth: bool = False) -> Tensor:
+        kind: torch.dtype = torch.float32, bilateral: int = 0) -> Tensor:
     """Codes [N,12,H,W] -> codes [N,3,H,W] of the filtered radiance, any height and width.
 
     trunk: network input (codes / 255) in `kind`, sides multiples of 16 -> heads by level.
-    smooth: with the smoothing along the result, which has no weights and is no part of training.
+    bilateral: export.kernel.BILATERAL, the last steps, which have no weights and are no part of
+        training; 0 without.
     """
     radiance = from_codes(transfer, x[:, :3])
     codes = encode(radiance, x, kind)
@@ -62,19 +63,19 @@ def run(trunk: Callable[[Tensor], list[Tensor]], transfer: str, x: Tensor,
         heads = [head[..., :-(-h >> s), :-(-w >> s)] for s, head in enumerate(heads)]
     images = radiance, x[:, 3:6], x[:, 9:10]
     out = apply_filter(heads, *images)
-    if smooth:
-        normal = (codes[:, 6:9].to(x.dtype) * 255.0).round()
-        out = smooth_result(out, heads[0], *images, normal, x[:, 11:12])
+    if bilateral:
+        corrects = (x[:, 11:12] == 0) & (bilateral == SMOOTH_AND_CORRECT)
+        out = smooth_result(out, heads[0], *images, (codes.to(x.dtype) * 255.0).round(), corrects)
     return to_codes(transfer, out, LOWEST, color.HDR_MAX)
 
 
 class KernelModel(KernelNet):
     """A K net that maps the codes of `planes` to those of the result.
 
-    bilateral: in evaluation mode with the smoothing along the result."""
+    bilateral: that of `run`, in evaluation mode."""
 
     align = 1  # it pads by itself
-    bilateral = False
+    bilateral = 0
 
     def __init__(self, net, heads, widths: list[int], transfer: str = "pu"):
         super().__init__(net, heads, widths)
@@ -82,4 +83,4 @@ class KernelModel(KernelNet):
 
     def forward(self, x: Tensor) -> Tensor:
         return run(self.trunk, self.transfer, x, arithmetic(x),
-                   smooth=self.bilateral and not self.training)
+                   bilateral=0 if self.training else self.bilateral)

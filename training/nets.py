@@ -170,7 +170,7 @@ def from_tensors(tensors: dict) -> nn.Module:
     wanted = model.state_dict()
     model.load_state_dict({k: _tensor(tensors[k]) for k in wanted})
     if BILATERAL in tensors:
-        model.bilateral = True
+        model.bilateral = int(tensors[BILATERAL][0])
     return model
 
 

@@ -71,7 +71,7 @@ def load_teacher(name: str, settings: Settings) -> torch.nn.Module:
         return model
     tensors = read_weights(path)
     if path.suffix == ".tza" and BILATERAL in Reader(path):  # integer models keep it apart
-        tensors[BILATERAL] = torch.ones(1)
+        tensors[BILATERAL] = torch.tensor(Reader(path)[BILATERAL])
     try:
         return from_tensors(tensors)
     except (KeyError, ValueError) as e:

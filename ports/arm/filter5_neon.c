@@ -10,7 +10,8 @@ LULL_INLINE void store_means(float *out, float32x4_t sum, float32x4_t total,
                              const lull_window *window)
 {
     uint32x4_t some = vcgtq_f32(total, vdupq_n_f32(0.0f));
-    float32x4_t mean = vaddq_f32(vdivq_f32(sum, total), vdupq_n_f32(window->more));
+    float32x4_t mean = vmulq_f32(sum, vdivq_f32(vdupq_n_f32(1.0f), total));
+    mean = vaddq_f32(mean, vdupq_n_f32(window->more));
     vst1q_f32(out, vbslq_f32(some, mean, vdupq_n_f32(window->none)));
 }
 
@@ -53,7 +54,7 @@ static void one_pixel(const lull_window *window, size_t p)
     }
     for (size_t c = 0; c < 3; c++)
         window->out[c * window->out_plane + p] =
-            sum[0] > 0.0f ? sum[c + 1] / sum[0] + window->more : window->none;
+            sum[0] > 0.0f ? sum[c + 1] * (1.0f / sum[0]) + window->more : window->none;
 }
 
 void lull_filter5_neon(const lull_window *window)

@@ -50,7 +50,6 @@ LULL_INLINE vec choose(vec if_positive, vec v, vec other)
 LULL_INLINE ivec whole(vec v) { return vcvtq_s32_f32(v); }
 LULL_INLINE vec number(ivec v) { return vcvtq_f32_s32(v); }
 LULL_INLINE ivec set_int(int v) { return vdupq_n_s32(v); }
-LULL_INLINE ivec add_int(ivec a, ivec b) { return vaddq_s32(a, b); }
 LULL_INLINE ivec sub_int(ivec a, ivec b) { return vsubq_s32(a, b); }
 LULL_INLINE ivec or_int(ivec a, ivec b) { return vorrq_s32(a, b); }
 #define shift_left(v, n) vshlq_n_s32(v, n)
@@ -136,22 +135,9 @@ LULL_INLINE uint8x8_t load_bytes(const uint8_t *p, unsigned count)
     return vld1_u8(p);
 }
 
-LULL_INLINE ivec pairs(const uint8_t *p, unsigned n)
-{
-    return vreinterpretq_s32_u16(vmovl_u8(load_bytes(p, 2 * n)));
-}
-
 LULL_INLINE vec bytes(const uint8_t *p, unsigned n)
 {
     return vcvtq_f32_u32(vmovl_u16(vget_low_u16(vmovl_u8(load_bytes(p, n)))));
-}
-
-LULL_INLINE void put_pairs(uint8_t *p, ivec q, unsigned n)
-{
-    uint8_t part[8];
-    vst1_u8(n < LANES ? part : p, vreinterpret_u8_u16(vmovn_u32(vreinterpretq_u32_s32(q))));
-    if (n < LANES)
-        memcpy(p, part, 2 * n);
 }
 
 LULL_INLINE void put_bytes(uint8_t *p, ivec q, unsigned n)
@@ -162,10 +148,23 @@ LULL_INLINE void put_bytes(uint8_t *p, ivec q, unsigned n)
     memcpy(p, part, n);
 }
 
+LULL_INLINE ivec pairs(const uint8_t *p, unsigned n)
+{
+    return vreinterpretq_s32_u16(vmovl_u8(load_bytes(p, 2 * n)));
+}
+
+LULL_INLINE void put_pairs(uint8_t *p, ivec q, unsigned n)
+{
+    uint8_t part[8];
+    vst1_u8(n < LANES ? part : p, vreinterpret_u8_u16(vmovn_u32(vreinterpretq_u32_s32(q))));
+    if (n < LANES)
+        memcpy(p, part, 2 * n);
+}
+
 LULL_INLINE ivec squares_of_pairs(ivec a, ivec b)
 {
     int16x8_t d = vsubq_s16(vreinterpretq_s16_s32(a), vreinterpretq_s16_s32(b));
-    return vpaddq_s32(vmull_s16(vget_low_s16(d), vget_low_s16(d)), vmull_high_s16(d, d));
+    return vreinterpretq_s32_u32(vpaddlq_u16(vreinterpretq_u16_s16(vmulq_s16(d, d))));
 }
 
 #include "../filter_rows.h"

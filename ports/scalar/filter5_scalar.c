@@ -15,6 +15,6 @@ void lull_filter5_scalar(const lull_window *window)
         }
         for (size_t c = 0; c < 3; c++)
             window->out[c * window->out_plane + p] =
-                sum[0] > 0.0f ? sum[c + 1] / sum[0] + window->more : window->none;
+                sum[0] > 0.0f ? sum[c + 1] * (1.0f / sum[0]) + window->more : window->none;
     }
 }

@@ -7,11 +7,23 @@ static uint8_t to_code(float v)
     return code < 255.0f ? (uint8_t)code : 255;
 }
 
-/* log2 of u >= 1 (docs/arithmetic.md). */
-static float log2_of(float u)
+/* Logarithm of u >= 1 in codes (kernels.h). */
+static float log_code(float u)
 {
-    lull_logarithm l = lull_log2_parts(u);
-    return l.whole + l.part;
+    uint32_t bits = lull_bits(u);
+    int32_t exponent = (int32_t)(bits - 0x3f3504f3u) >> 23;
+    float t = lull_float(bits - ((uint32_t)exponent << 23)) - 1.0f;
+    float p = LULL_LOG_2 * t + LULL_LOG_1, q = LULL_LOG_4 * t + LULL_LOG_3;
+    return (float)exponent * LULL_CODES_PER_OCTAVE + t * (p + t * t * q);
+}
+
+/* Shares of v, in its place (kernels.h). */
+static void shares(float *v, float top, float bottom)
+{
+    float first = v[0] * v[1], share = top / (first * v[2] * bottom), other = v[0] * v[2];
+    v[0] = v[1] * v[2] * share;
+    v[1] = other * share;
+    v[2] = first * share;
 }
 
 static uint8_t normal_code(float n)
@@ -33,20 +45,32 @@ static void get_albedo(float *a, const float *pixel)
         a[0] = a[1] = a[2] = 1.0f;
 }
 
+static void put_guide(uint8_t *guide, const uint8_t *albedo, const uint8_t *normal)
+{
+    const uint8_t *a = albedo, *n = normal;
+    guide[0] = (uint8_t)(n ? (2 * n[0] - n[1] - n[2] + 510) / 8 : a[0] / 2);
+    guide[1] = (uint8_t)(n ? 7 * (n[1] - n[2] + 255) / 32 : (a[1] + a[2]) / 4);
+}
+
 void lull_encode_scalar(uint8_t *codes, const lull_encoding *from, unsigned pixels)
 {
     const float *albedo = from->albedo, *normal = from->normal, none = 1.0f - LULL_FILTER_EPSILON;
     for (size_t i = 0; i < pixels; i++, codes += 12) {
-        float a[3] = {none, none, none};
+        float a[3] = {none, none, none}, share[3];
         if (albedo)
             get_albedo(a, albedo + 3 * i);
+        for (size_t c = 0; c < 3; c++)
+            share[c] = a[c] + LULL_FILTER_EPSILON;
+        shares(share, 1.0f, 1.0f);
         for (size_t at = 3 * i, c = 0; c < 3; at++, c++) {
-            float v = radiance_at(from, at) / (a[c] + LULL_FILTER_EPSILON);
-            codes[c] = to_code(log2_of(1.0f + LULL_LOG_GAIN * v) * LULL_CODES_PER_OCTAVE);
+            float v = radiance_at(from, at) * share[c];
+            codes[c] = to_code(log_code(1.0f + LULL_LOG_GAIN * v));
             codes[3 + c] = albedo ? to_code(a[c] * 255.0f) : 0;
             codes[6 + c] = normal ? normal_code(normal[at]) : 128;
             codes[9 + c] = (uint8_t)(from->flags >> 8 * c);
         }
+        if (from->guide)
+            put_guide(from->guide + 2 * i, codes + 3, normal ? codes + 6 : NULL);
     }
 }
 
@@ -66,11 +90,13 @@ void lull_demodulate_scalar(float *out, size_t plane, const lull_encoding *from,
                             size_t code_step, const float *table, unsigned pixels)
 {
     for (size_t i = 0; i < pixels; i++) {
-        float confidence = table[codes[i * code_step + LULL_HEAD_CONFIDENCE]];
+        float confidence = table[codes[i * code_step + LULL_HEAD_CONFIDENCE]], share[3];
+        for (size_t c = 0; c < 3; c++)
+            share[c] = smooth[c * smooth_plane + i];
+        shares(share, 1.0f, 1.0f);
         out[i] = confidence;
         for (size_t c = 0; c < 3; c++)
-            out[(1 + c) * plane + i] =
-                confidence * (radiance_at(from, 3 * i + c) / smooth[c * smooth_plane + i]);
+            out[(1 + c) * plane + i] = confidence * (radiance_at(from, 3 * i + c) * share[c]);
     }
 }
 
@@ -85,7 +111,7 @@ void lull_shrink_scalar(float *out, size_t out_plane, const float *above, const 
         out[i] = weight > 0.0f ? confidence : 0.0f;
         for (size_t c = 1; c < 4; c++) {
             float sum = ((a[c * plane] + a[c * plane + 1]) + b[c * plane]) + b[c * plane + 1];
-            out[c * out_plane + i] = weight > 0.0f ? confidence * (sum / weight) : 0.0f;
+            out[c * out_plane + i] = weight > 0.0f ? confidence * (sum * (1.0f / weight)) : 0.0f;
         }
     }
 }
@@ -125,87 +151,80 @@ void lull_luminance_scalar(float *sums, const float *pixels, unsigned n)
     }
 }
 
-void lull_noise_scalar(uint8_t *noise, const lull_surface *at, const lull_encoding *from,
-                       const float *smooth, size_t smooth_plane, unsigned pixels)
+void lull_noise_scalar(uint8_t *noise, const float *v, size_t plane, const float *f,
+                       size_t f_plane, unsigned pixels)
 {
     for (size_t i = 0; i < pixels; i++) {
-        uint8_t code[6];
-        float d[3];
+        float apart = 0.0f, all = 0.0f;
         for (size_t c = 0; c < 3; c++) {
-            float v = at->v[c * at->v_plane + i], s = smooth[c * smooth_plane + i];
-            float e = radiance_at(from, 3 * i + c) / s - v;
-            d[c] = (e < 0.0f ? -e : e) / (v + LULL_FILTER_EPSILON);
-            code[c] = to_code(LULL_ALBEDO_CODES * s);
-            code[3 + c] = from->normal ? normal_code(from->normal[3 * i + c]) : 128;
+            float mean = f[c * f_plane + i], e = v[(1 + c) * plane + i] - v[i] * mean;
+            apart += e < 0.0f ? -e : e;
+            all += mean;
         }
-        for (size_t c = 0; c < 6; c++)
-            at->pairs[c / 2 * at->pair_plane + 2 * i + c % 2] = code[c];
-        noise[i] = to_code(LULL_NOISE_CODES * ((d[0] + d[1]) + d[2]));
+        noise[i] = to_code(LULL_NOISE_CODES * (apart / (v[i] * (all + LULL_NOISE_EPSILON))));
     }
 }
 
 void lull_residual_scalar(const lull_balance *b, const lull_encoding *from)
 {
     for (size_t i = 0; i < b->pixels; i++) {
-        float p[3], r[3], level, q, lit, w = b->noise[i] * LULL_NOISE_SHARE;
+        float p[3], r[3], share, q, lit, w = b->noise[i] * LULL_NOISE_SHARE;
         for (size_t c = 0; c < 3; c++) {
             p[c] = b->v[c * b->v_plane + i] * b->smooth[c * b->smooth_plane + i];
             r[c] = radiance_at(from, 3 * i + c);
         }
         p[0] = (p[0] + p[1]) + p[2];
-        level = p[0] + LULL_BALANCE_EPSILON;
-        q = (((r[0] + r[1]) + r[2]) - p[0]) / level;
+        share = 1.0f / (p[0] + LULL_BALANCE_EPSILON);
+        q = (((r[0] + r[1]) + r[2]) - p[0]) * share;
         q = q < LULL_MOST_LACKING ? q : LULL_MOST_LACKING;
         b->sums[i] += q;
         b->sums[b->sum_plane + i] += q * q;
-        b->sums[2 * b->sum_plane + i] += p[0] / level * (w < 1.0f ? w : 1.0f);
+        b->sums[2 * b->sum_plane + i] += p[0] * share * (w < 1.0f ? w : 1.0f);
         lit = q > LULL_SPARK ? q - LULL_SPARK : 0.0f;
         b->sums[3 * b->sum_plane + i] += lit < 1.0f ? lit : 1.0f;
     }
 }
 
-/* The weight of pixel j of `other` for pixel i of `row`, g being what differences of its channels
+/* The weight of pixel j of `other` for pixel i of the row, g being what differences of its channels
  * count. Those go to `change`. */
-static float weight_of(const lull_surface *row, ptrdiff_t i, const lull_surface *other, ptrdiff_t j,
+static float weight_of(const lull_smoothing *s, ptrdiff_t i, const lull_surface *other, ptrdiff_t j,
                        const float *g, float *change)
 {
     float x[3], t, w;
     int apart = 0;
+    ptrdiff_t row_plane = (ptrdiff_t)s->row_plane;
+    ptrdiff_t plane = other == &s->row ? row_plane : (ptrdiff_t)s->plane;
     for (ptrdiff_t c = 0; c < 3; c++) {
-        const uint8_t *pair = row->pairs + c * (ptrdiff_t)row->pair_plane + 2 * i;
-        const uint8_t *beside = other->pairs + c * (ptrdiff_t)other->pair_plane + 2 * j;
-        int a = beside[0] - pair[0], b = beside[1] - pair[1];
-        change[c] = other->v[c * (ptrdiff_t)other->v_plane + j] -
-                    row->v[c * (ptrdiff_t)row->v_plane + i];
+        int d = c < 2 ? other->guide[2 * j + c] - s->row.guide[2 * i + c] : 0;
+        change[c] = other->v[c * plane + j] - s->row.v[c * row_plane + i];
         x[c] = change[c] * g[c];
-        apart += a * a + b * b;
+        apart += d * d;
     }
-    t = ((x[0] * x[0] + x[1] * x[1]) + x[2] * x[2]) + LULL_SURFACE_SCALE * (float)apart;
+    t = ((x[0] * x[0] + x[1] * x[1]) + x[2] * x[2]) + LULL_GUIDE_SCALE * (float)apart;
     w = 1.0f - t > 0.0f ? 1.0f - t : 0.0f;
     return w * w;
 }
 
 void lull_bilateral_scalar(const lull_smoothing *s)
 {
-    static const int8_t columns[] = {-12, -6, -2, 2, 6, 12};
-    const lull_surface *row = &s->row;
+    static const int8_t columns[] = {-LULL_BILATERAL_REACH, -2, 2, LULL_BILATERAL_REACH, 0, 0};
+    const lull_surface *const rows[] = {&s->row, &s->row, &s->row, &s->row, &s->above, &s->below};
     for (ptrdiff_t i = 0; i < (ptrdiff_t)s->pixels; i++) {
         const uint8_t *noise = s->noise + i;
+        const float *v = s->row.v + i;
         float width = (float)(noise[-1] + noise[0] + noise[1]) * LULL_NOISE_WIDTH;
         float g[3], change[3], sum[3] = {0.0f, 0.0f, 0.0f}, weights = 1.0f;
         width = width < LULL_WIDEST ? width : LULL_WIDEST;
-        width = 0.5f / (width > LULL_NARROWEST ? width : LULL_NARROWEST);
         for (size_t c = 0; c < 3; c++)
-            g[c] = width / (row->v[c * row->v_plane + (size_t)i] + LULL_FILTER_EPSILON);
-        for (unsigned k = 0; k < 10; k++) {
-            float w = k < 6 ? weight_of(row, i, row, i + columns[k], g, change)
-                            : weight_of(row, i, &s->beside[k - 6], i, g, change);
+            g[c] = v[c * s->row_plane] + LULL_FILTER_EPSILON;
+        shares(g, 0.5f, width > LULL_NARROWEST ? width : LULL_NARROWEST);
+        for (unsigned k = 0; k < sizeof columns; k++) {
+            float w = weight_of(s, i, rows[k], i + columns[k], g, change);
             weights += w;
             for (unsigned c = 0; c < 3; c++)
                 sum[c] += w * change[c];
         }
         for (size_t c = 0; c < 3; c++)
-            s->out[c * s->out_plane + (size_t)i] =
-                row->v[c * row->v_plane + (size_t)i] + sum[c] / weights;
+            s->out[c * s->out_plane + (size_t)i] = v[c * s->row_plane] + sum[c] * (1.0f / weights);
     }
 }

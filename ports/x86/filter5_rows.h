@@ -44,7 +44,7 @@ LULL_INLINE void filter_block(const lull_window *window, const tables *table, si
 {
     tables t = *table;
     vec s0 = set(0.0f), s1 = s0, s2 = s0, s3 = s0, more = set(window->more);
-    vec none = set(window->none);
+    vec none = set(window->none), share;
     ivec taps[7];
     size_t plane = window->plane, out_plane = window->out_plane;
     float *out = window->out + p;
@@ -56,9 +56,10 @@ LULL_INLINE void filter_block(const lull_window *window, const tables *table, si
     TAP(0, 3, 3) TAP(1, 4, 3) TAP(2, 5, 0) TAP(3, 5, 1) TAP(4, 5, 2) row = window->rows[4] + p - 2;
     TAP(0, 5, 3)
     TAP(1, 6, 0) TAP(2, 6, 1) TAP(3, 6, 2) TAP(4, 6, 3)
-        store_n(out, choose(s0, add(quotient(s1, s0), more), none), n);
-    store_n(out + out_plane, choose(s0, add(quotient(s2, s0), more), none), n);
-    store_n(out + 2 * out_plane, choose(s0, add(quotient(s3, s0), more), none), n);
+    share = quotient(set(1.0f), s0);
+    store_n(out, choose(s0, add(mul(s1, share), more), none), n);
+    store_n(out + out_plane, choose(s0, add(mul(s2, share), more), none), n);
+    store_n(out + 2 * out_plane, choose(s0, add(mul(s3, share), more), none), n);
 }
 
 void NAME(filter5)(const lull_window *window)

@@ -186,7 +186,7 @@ LULL_INLINE ivec pairs(const uint8_t *p, unsigned n)
         memcpy(part, p, 2 * n);
         p = part;
     }
-    return _mm256_cvtepu8_epi16(_mm_loadu_si128((const __m128i *)(const void *)p));
+    return _mm256_cvtepu16_epi32(_mm_loadu_si128((const __m128i *)(const void *)p));
 }
 
 LULL_INLINE void put_pairs(uint8_t *p, ivec q, unsigned n)
@@ -198,11 +198,10 @@ LULL_INLINE void put_pairs(uint8_t *p, ivec q, unsigned n)
         memcpy(p, part, 2 * n);
 }
 
-LULL_INLINE ivec add_int(ivec a, ivec b) { return _mm256_add_epi32(a, b); }
 LULL_INLINE ivec squares_of_pairs(ivec a, ivec b)
 {
-    a = _mm256_sub_epi16(a, b);
-    return _mm256_madd_epi16(a, a);
+    a = _mm256_abs_epi8(_mm256_sub_epi8(a, b));
+    return _mm256_maddubs_epi16(a, a);
 }
 
 #include "../filter_rows.h"

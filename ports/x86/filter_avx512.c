@@ -163,8 +163,7 @@ LULL_INLINE void put_bytes(uint8_t *p, ivec q, unsigned n)
 
 LULL_INLINE ivec pairs(const uint8_t *p, unsigned n)
 {
-    return _mm512_cvtepu8_epi16(
-        _mm256_maskz_loadu_epi8((__mmask32)((uint64_t)-1 >> (64 - 2 * n)), p));
+    return _mm512_cvtepu16_epi32(_mm256_maskz_loadu_epi16(first_lanes(n), p));
 }
 
 LULL_INLINE void put_pairs(uint8_t *p, ivec q, unsigned n)
@@ -172,11 +171,10 @@ LULL_INLINE void put_pairs(uint8_t *p, ivec q, unsigned n)
     _mm512_mask_cvtepi32_storeu_epi16(p, first_lanes(n), q);
 }
 
-LULL_INLINE ivec add_int(ivec a, ivec b) { return _mm512_add_epi32(a, b); }
 LULL_INLINE ivec squares_of_pairs(ivec a, ivec b)
 {
-    a = _mm512_sub_epi16(a, b);
-    return _mm512_madd_epi16(a, a);
+    a = _mm512_abs_epi8(_mm512_sub_epi8(a, b));
+    return _mm512_maddubs_epi16(a, a);
 }
 
 #include "../filter_rows.h"

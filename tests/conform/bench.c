@@ -347,13 +347,14 @@ static void run_filter5(const lull_kernels *k)
 
 static void run_encode(const lull_kernels *k)
 {
-    lull_encoding from = {floats, floats + 64 * PIXELS, floats + 128 * PIXELS, 1.0f, 65504.0f, 0};
+    lull_encoding from = {floats, floats + 64 * PIXELS, floats + 128 * PIXELS, 1.0f, 65504.0f, 0,
+                          bytes + 12 * PIXELS};
     k->encode(bytes, &from, PIXELS);
 }
 
 static void run_demodulate(const lull_kernels *k)
 {
-    lull_encoding from = {floats + 64 * PIXELS, NULL, NULL, 1.0f, 65504.0f, 0};
+    lull_encoding from = {floats + 64 * PIXELS, NULL, NULL, 1.0f, 65504.0f, 0, NULL};
     k->demodulate(floats, PLANE, &from, floats + 128 * PIXELS, PLANE, bytes, CODE_STEP,
                   floats + 256 * PIXELS, PIXELS);
 }
@@ -381,21 +382,19 @@ static void run_blend(const lull_kernels *k)
 
 static void run_noise(const lull_kernels *k)
 {
-    lull_encoding from = {floats, NULL, floats + 64 * PIXELS, 1.0f, 65504.0f, 0};
-    lull_surface at = {floats + 128 * PIXELS, bytes + PIXELS, PLANE, 2 * PLANE};
-    k->noise(bytes, &at, &from, floats + 192 * PIXELS, PLANE, PIXELS);
+    k->noise(bytes, floats, PLANE, floats + 128 * PIXELS, PLANE, PIXELS);
 }
 
 static void run_bilateral(const lull_kernels *k)
 {
-    lull_surface at = {floats + 129 * PIXELS, bytes + 2 * PIXELS, PLANE, 2 * PLANE};
-    lull_smoothing s = {floats, bytes + PIXELS, PLANE, at, {at, at, at, at}, PIXELS};
+    lull_surface at = {floats + 129 * PIXELS, bytes + 4 * PIXELS};
+    lull_smoothing s = {floats, bytes + PIXELS, PLANE, PLANE, PLANE, at, at, at, PIXELS};
     k->bilateral(&s);
 }
 
 static void run_residual(const lull_kernels *k)
 {
-    lull_encoding from = {floats, NULL, NULL, 1.0f, 65504.0f, 0};
+    lull_encoding from = {floats, NULL, NULL, 1.0f, 65504.0f, 0, NULL};
     lull_balance b = {floats + 256 * PIXELS, floats + 64 * PIXELS, floats + 128 * PIXELS, bytes,
                       PLANE, PLANE, PLANE, PIXELS};
     k->residual(&b, &from);
@@ -467,8 +466,8 @@ static unsigned bench_pixels(const char *port, const lull_kernels *kernels,
     BENCH(shrink, "3 channels")
     BENCH(blend, "3 channels")
     BENCH(spread, "3 channels")
-    BENCH(noise, "7 codes")
-    BENCH(bilateral, "10 pixels")
+    BENCH(noise, "3 channels")
+    BENCH(bilateral, "6 pixels")
     BENCH(residual, "4 sums")
     BENCH(modulate, "3 channels")
     BENCH(luminance, "3 channels")

@@ -24,7 +24,7 @@ def test_there_and_back(work):
     assert again.read_bytes() == SMOOTHS.read_bytes()
 
 
-@pytest.mark.parametrize("option", ([], ["--off"]))
+@pytest.mark.parametrize("option", ([], ["--smooth"], ["--off"]))
 @pytest.mark.parametrize("width,height,features", (
     (1500, 23, ("color", "albedo", "normal")), (70, 150, ("color", "albedo")),
     (33, 40, ("color", "normal")), (21, 3, ("color",)),
@@ -46,14 +46,14 @@ def test_program_and_reference_agree(width, height, features, option, build, wor
 def test_it_changes_the_picture():
     images, model = noisy(48, 5, 2), kernel.load(SMOOTHS)
     with_it = kernel.run_frame(model, Frame(images, "hdr"))
-    model.bilateral = False
+    model.bilateral = 0
     without = kernel.run_frame(model, Frame(images, "hdr"))
     assert (with_it != without).mean() > 0.5
 
 
 def test_other_values_are_refused(build, work):
     path = work / "weights.tza"
-    write_tensors(path, dict(Reader(SMOOTHS)) | {kernel.BILATERAL: np.full(1, 2, np.float32)})
+    write_tensors(path, dict(Reader(SMOOTHS)) | {kernel.BILATERAL: np.full(1, 3, np.float32)})
     with pytest.raises(ModelError, match=kernel.BILATERAL):
         kernel.load(path)
     write_pfm(work / "color.pfm", noisy(16, 1, 1)["color"])

@@ -6,6 +6,7 @@ import pytest
 import torch
 
 from export import kernel, pixels
+from export.smooth import guide_of
 from training import kernel_filter, kernel_net, nets
 
 
@@ -23,21 +24,23 @@ def test_sums_of_the_filter_are_their_definition():
     np.testing.assert_allclose(out, expected, rtol=1e-12)
 
 
-@pytest.mark.parametrize("clipped", [False, True])
-def test_filter_of_torch_equals_the_reference(clipped):
+@pytest.mark.parametrize("has_normal", [False, True])
+@pytest.mark.parametrize("corrects", [False, True])
+def test_filter_of_torch_equals_the_reference(corrects, has_normal):
     """Same heads, same picture: PyTorch's filter and the bit-exact one differ by rounding only."""
     rng = np.random.default_rng(2)
     codes = [rng.integers(100, 256, (32 >> s, 48 >> s, w)).astype(np.uint8)
              for s, w in enumerate(kernel_net.HEAD_WIDTHS)]
     radiance = rng.random((32, 48, 3), np.float32) * 5
     albedo = rng.random((32, 48, 3), np.float32)
-    normal = rng.integers(0, 256, (32, 48, 3)).astype(np.uint8)
-    expected = kernel.apply_filter(codes, radiance, albedo, normal, clipped)
+    inputs = rng.integers(0, 256, (32, 48, 12)).astype(np.uint8)
+    inputs[..., 10] = 255 * has_normal
+    expected = kernel.apply_filter(codes, radiance, albedo, guide_of(inputs), corrects)
     heads = [torch.from_numpy(c.transpose(2, 0, 1)[None].astype(np.float32) / 16) for c in codes]
     batch = [*(tensor(a) for a in (radiance, albedo)), torch.ones(1, 1, 32, 48)]
     got = kernel_filter.apply_filter(heads, *batch)
-    got = kernel_filter.smooth_result(got, heads[0], *batch, tensor(normal.astype(np.float32)),
-                                      torch.full((1, 1, 32, 48), float(clipped)))
+    got = kernel_filter.smooth_result(got, heads[0], *batch, tensor(inputs.astype(np.float32)),
+                                      torch.full((1, 1, 32, 48), corrects))
     np.testing.assert_allclose(picture(got), expected, rtol=2e-4)
 
 
@@ -52,7 +55,7 @@ def picture(t: torch.Tensor) -> np.ndarray:
 def test_only_evaluation_smooths():
     torch.manual_seed(1)
     model = nets.build("k8", 0)
-    model.bilateral = True
+    model.bilateral = kernel.SMOOTH
     x = torch.rand(1, 12, 32, 48)
     x[:, 9:12] = 1
     with torch.no_grad():
@@ -79,8 +82,8 @@ def test_constant_image_comes_back():
     codes = [rng.integers(0, 256, (-(-21 >> s), -(-19 >> s), w)).astype(np.uint8)
              for s, w in enumerate(kernel_net.HEAD_WIDTHS)]
     constant = np.full((21, 19, 3), 0.37, np.float32)
-    normal = np.full(constant.shape, 128, np.uint8)
-    out = kernel.apply_filter(codes, constant, np.full_like(constant, 0.5), normal)
+    guide = rng.integers(0, 128, (21, 19, 2))
+    out = kernel.apply_filter(codes, constant, np.full_like(constant, 0.5), guide)
     np.testing.assert_allclose(out, constant, rtol=2e-6)
 
 
