@@ -38,7 +38,7 @@
 #define LULL_MOST_GAIN 0.5f
 #define LULL_GAIN_REACH 64u /* columns to either side on which a correction depends */
 
-/* A row of the result, 3 planes, and its guide (lull_encoding). */
+/* A row of the result, 3 planes, and its guide (kernels.h). */
 typedef struct lull_surface {
     const float *v;
     const uint8_t *guide;

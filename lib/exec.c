@@ -27,12 +27,13 @@ static void load(lull_task *t, unsigned rows, unsigned base_row, const lull_host
     t->base_row = base_row;
     t->chunk = lull_plan_band(t->plan);
     make_rows(t, host, rows - t->first, t->right - t->left, lull_exec_load);
-    t->plan->done[LULL_TENSOR_INPUT] = t->plan->done[LULL_TENSOR_GUIDE] = rows;
+    t->plan->done[LULL_TENSOR_INPUT] = rows;
     if (t->plan->keeps_rows)
-        t->plan->done[LULL_TENSOR_RADIANCE] = t->plan->done[LULL_TENSOR_ALBEDO] = rows;
+        t->plan->done[LULL_TENSOR_RADIANCE] = t->plan->done[LULL_TENSOR_ALBEDO] =
+            t->plan->done[LULL_TENSOR_GUIDE] = rows;
 }
 
-/* Albedo that is not kept comes in when the filter is about to need it. */
+/* Albedo and guide that are not kept come in when the filter is about to need it. */
 static void load_albedo(lull_task *t, const lull_host *host)
 {
     lull_plan *plan = t->plan;
@@ -40,9 +41,9 @@ static void load_albedo(lull_task *t, const lull_host *host)
     plan->done[LULL_TENSOR_RADIANCE] = plan->done[0];
     t->first = plan->done[LULL_TENSOR_ALBEDO];
     t->chunk = lull_plan_band(plan);
-    if (lull_plan_has(plan, LULL_TENSOR_ALBEDO))
+    if (lull_plan_has(plan, LULL_TENSOR_ALBEDO) || lull_plan_has(plan, LULL_TENSOR_GUIDE))
         make_rows(t, host, rows - t->first, t->right - t->left, lull_exec_spread);
-    plan->done[LULL_TENSOR_ALBEDO] = rows;
+    plan->done[LULL_TENSOR_ALBEDO] = plan->done[LULL_TENSOR_GUIDE] = rows;
 }
 
 /* How far the run is: the mean, over input, layers and output, of the parts of their rows that are

@@ -154,16 +154,21 @@ void lull_exec_radiance(lull_encoding *from, const lull_task *t, float *block, u
     from->most = LULL_RADIANCE_MAX;
 }
 
-/* n pixels from column x on of row y of the albedo tensor. */
-static void load_albedo(const lull_task *t, const float *albedo, unsigned x, unsigned y, unsigned n)
+/* n pixels from column x on of row y of the albedo tensor and of the guide. */
+static void load_aux(const lull_task *t, const float *albedo, const float *normal, unsigned x,
+                     unsigned y, unsigned n)
 {
-    if (albedo && lull_plan_has(t->plan, LULL_TENSOR_ALBEDO))
-        t->plan->model->kernels.spread(
-            lull_exec_floats(t->plan, LULL_TENSOR_ALBEDO, y, x - t->left),
-            lull_exec_plane(t->plan, LULL_TENSOR_ALBEDO), albedo, n);
+    const lull_plan *plan = t->plan;
+    unsigned column = x - t->left;
+    if (albedo && lull_plan_has(plan, LULL_TENSOR_ALBEDO))
+        plan->model->kernels.spread(lull_exec_floats(plan, LULL_TENSOR_ALBEDO, y, column),
+                                    lull_exec_plane(plan, LULL_TENSOR_ALBEDO), albedo, n);
+    if (lull_plan_has(plan, LULL_TENSOR_GUIDE))
+        plan->model->kernels.guide(
+            lull_exec_row(plan, LULL_TENSOR_GUIDE, y) + 2 * (size_t)column, albedo, normal, n);
 }
 
-/* The same for family K: codes, the guide, and radiance and albedo if they are kept from now on. */
+/* The same for family K: codes, and radiance, albedo and guide if they are kept from now on. */
 static void load_kernel(const lull_task *t, float *block, unsigned x, unsigned y, unsigned n)
 {
     lull_plan *plan = t->plan;
@@ -176,12 +181,9 @@ static void load_kernel(const lull_task *t, float *block, unsigned x, unsigned y
     from.albedo = aux_pixels(t, 1, block + 3 * LULL_BLOCK, x, row, n);
     from.normal = aux_pixels(t, 2, block + 6 * LULL_BLOCK, x, row, n);
     from.flags = lull_filter_flags(&from, !lull_exec_content(&plan->frame).is_hdr);
-    from.guide = NULL;
-    if (lull_plan_has(plan, LULL_TENSOR_GUIDE))
-        from.guide = lull_exec_row(plan, LULL_TENSOR_GUIDE, y) + 2 * (size_t)column;
     plan->model->kernels.encode(codes, &from, n);
     if (plan->keeps_rows)
-        load_albedo(t, from.albedo, x, y, n);
+        load_aux(t, from.albedo, from.normal, x, y, n);
 }
 
 void *lull_exec_scratch(const lull_task *t, unsigned worker)
@@ -205,12 +207,15 @@ void lull_exec_spread(void *context, unsigned index, unsigned worker)
     const lull_plan *plan = t->plan;
     lull_part part = lull_exec_part(t, index, t->left, t->right);
     unsigned y = t->first + part.row, right = lull_min_u(part.right, plan->frame.width);
-    if (y >= plan->frame.height)
+    if (y >= plan->frame.height && lull_plan_has(plan, LULL_TENSOR_ALBEDO))
         clear_part(t, LULL_TENSOR_ALBEDO, y, &part);
     for (unsigned x = part.left; y < plan->frame.height && x < right; x += LULL_BLOCK) {
         unsigned n = lull_min_u(LULL_BLOCK, right - x);
         float *block = lull_exec_scratch(t, worker);
-        load_albedo(t, aux_pixels(t, 1, block, x, y - t->base_row, n), x, y, n);
+        const float *albedo = aux_pixels(t, 1, block, x, y - t->base_row, n), *normal = NULL;
+        if (lull_plan_has(plan, LULL_TENSOR_GUIDE))
+            normal = aux_pixels(t, 2, block + 3 * LULL_BLOCK, x, y - t->base_row, n);
+        load_aux(t, albedo, normal, x, y, n);
     }
 }
 

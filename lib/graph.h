@@ -10,7 +10,7 @@
 
 /* Tensors are numbered: 0 is the input of the network, 1 + i the output of layer i. Family K also
  * keeps of the frame the unencoded radiance (r,g,b), the albedo (1,r,g,b; zeros outside the image)
- * and a guide made of the codes of the normal or albedo (lull_encoding). */
+ * and what tells surfaces apart, the guide (kernels.h). */
 #define LULL_TENSOR_INPUT 0
 #define LULL_TENSOR_RADIANCE (LULL_MAX_LAYERS + 1)
 #define LULL_TENSOR_ALBEDO (LULL_MAX_LAYERS + 2)

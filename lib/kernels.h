@@ -82,13 +82,15 @@ typedef struct lull_conv {
  *     (v(1) v(2)) s, (v(0) v(2)) s and (v(0) v(1)) s: top / (v bottom) with one division.
  *
  * encode: 12 codes a pixel, those of the radiance from u = 1 + LULL_LOG_GAIN (R share), share of
- *     the albedo + epsilon (1, 1). To from->guide, if it is not NULL, two bytes a pixel of at
- *     most 127, of the codes n of the normal or, without it, a of the albedo, divisions cut:
- *     (2 n(x) - n(y) - n(z) + 510) / 8 and 7 (n(y) - n(z) + 255) / 32, which for lack of a third
- *     do not tell normals apart that differ along (1,1,1); a(r) / 2 and (a(g) + a(b)) / 4. The last
- *     three codes are the bytes of `flags`, the lowest first.
+ *     the albedo + epsilon (1, 1). The last three codes are
+ *     the bytes of `flags`, the lowest first.
  *
  * spread: planes (1, albedo), counting as above.
+ *
+ * guide: two bytes a pixel of at most 127, of the codes n of the normal that `encode` makes or, if
+ *     that is NULL, a of the albedo, divisions cut: (2 n(x) - n(y) - n(z) + 510) / 8 and 7 (n(y) -
+ *     n(z) + 255) / 32, which for lack of a third do not tell normals apart that differ along
+ *     (1,1,1); a(r) / 2 and (a(g) + a(b)) / 4. Zeros if both are NULL.
  *
  * demodulate: with C = table[codes[p * code_step + LULL_HEAD_CONFIDENCE]], planes (C, C (R
  *     share), ...), share being that of `smooth` (1, 1); smooth has 3 planes, smooth_plane apart.
@@ -124,7 +126,6 @@ typedef struct lull_encoding {
     const float *radiance, *albedo, *normal;
     float scale, most;
     uint32_t flags;
-    uint8_t *guide;
 } lull_encoding;
 
 /* Channels of a head after the 25 logits of the radiance kernel. */

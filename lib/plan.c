@@ -172,9 +172,9 @@ static void play(lull_plan *plan)
         plan->ring[t].rows = 1;
     while (plan->stored < plan->height) {
         plan->done[0] = lull_min_u(plan->done[0] + plan->row_step, plan->height);
-        plan->done[LULL_TENSOR_RADIANCE] = plan->done[LULL_TENSOR_GUIDE] = plan->done[0];
+        plan->done[LULL_TENSOR_RADIANCE] = plan->done[0];
         if (plan->keeps_rows)
-            plan->done[LULL_TENSOR_ALBEDO] = plan->done[0];
+            plan->done[LULL_TENSOR_ALBEDO] = plan->done[LULL_TENSOR_GUIDE] = plan->done[0];
         grow_ring(plan, LULL_TENSOR_INPUT);
         grow_ring(plan, LULL_TENSOR_RADIANCE);
         grow_ring(plan, LULL_TENSOR_GUIDE);
@@ -182,7 +182,9 @@ static void play(lull_plan *plan)
         for (unsigned l = 0; l < graph->layers; l++) {
             if (graph->layer[l].op == LULL_OP_SMOOTH && !plan->keeps_rows) {
                 plan->done[LULL_TENSOR_ALBEDO] = lull_plan_albedo(plan);
+                plan->done[LULL_TENSOR_GUIDE] = plan->done[LULL_TENSOR_ALBEDO];
                 grow_ring(plan, LULL_TENSOR_ALBEDO);
+                grow_ring(plan, LULL_TENSOR_GUIDE);
             }
             plan->done[l + 1] = lull_plan_turn(plan, l);
             grow_ring(plan, l + 1);
@@ -454,7 +456,9 @@ static unsigned first_step(const lull_plan *plan)
     if (plan->threads > FEW_THREADS ||
         lull_graph_find(graph, LULL_OP_CORRECT, 0) != LULL_TENSOR_NONE)
         return MANY_STEP;
-    return graph->family == LULL_FAMILY_K ? SMALL_STEP : FEW_STEP;
+    return graph->family == LULL_FAMILY_K && plan->model->kernels.patches_k != LULL_PATCHES_NONE
+               ? SMALL_STEP
+               : FEW_STEP;
 }
 
 /* Chooses row step and strip width: as asked for, else the fastest that fits. Strips compute their

@@ -104,21 +104,6 @@ LULL_INLINE ivec dword(ivec a, ivec b, ivec c, ivec d)
     return or_int(or_int(a, shift_left(b, 8)), or_int(shift_left(c, 16), shift_left(d, 24)));
 }
 
-/* The guide (kernels.h). */
-LULL_INLINE ivec guide_of(const ivec *albedo, const ivec *normal)
-{
-    const ivec *a = albedo, *m = normal;
-    ivec first = sub_int(sub_int(shift_left(m[0], 1), m[1]), sub_int(m[2], set_int(510)));
-    ivec second = sub_int(m[1], sub_int(m[2], set_int(255)));
-    first = shift_right(first, 3);
-    second = shift_right(sub_int(shift_left(second, 3), second), 5);
-    if (albedo) {
-        first = shift_right(a[0], 1);
-        second = shift_right(sub_int(a[1], sub_int(set_int(0), a[2])), 2);
-    }
-    return or_int(first, shift_left(second, 8));
-}
-
 LULL_INLINE void encode_block(uint8_t *codes, const lull_encoding *from, size_t p, unsigned n)
 {
     const ivec zero = set_int(0), middle = set_int(128);
@@ -139,8 +124,6 @@ LULL_INLINE void encode_block(uint8_t *codes, const lull_encoding *from, size_t 
         split(from->normal + 3 * p, n, &r, &g, &b);
         m[0] = normal_code(r), m[1] = normal_code(g), m[2] = normal_code(b);
     }
-    if (from->guide)
-        put_pairs(from->guide + 2 * p, guide_of(from->normal ? NULL : a, m), n);
     d1 = dword(a[1], a[2], m[0], m[1]);
     d2 = or_int(m[2], set_int((int)(from->flags << 8)));
     join((float *)(void *)(codes + 12 * p), n, floats(d0), floats(d1), floats(d2));
@@ -148,6 +131,34 @@ LULL_INLINE void encode_block(uint8_t *codes, const lull_encoding *from, size_t 
 
 void NAME(encode)(uint8_t *codes, const lull_encoding *from, unsigned pixels){
 #define BLOCK(n) encode_block(codes, from, p, n)
+    FOR_BLOCKS(pixels)
+#undef BLOCK
+}
+
+LULL_INLINE void guide_block(uint8_t *guide, const float *albedo, const float *normal, unsigned n)
+{
+    const ivec zero = set_int(0);
+    ivec first = zero, second = zero, x, y, z;
+    vec v[3];
+    if (normal) {
+        split(normal, n, &v[0], &v[1], &v[2]);
+        x = normal_code(v[0]), y = normal_code(v[1]), z = normal_code(v[2]);
+        first = sub_int(sub_int(shift_left(x, 1), y), sub_int(z, set_int(510)));
+        second = sub_int(y, sub_int(z, set_int(255)));
+        first = shift_right(first, 3);
+        second = shift_right(sub_int(shift_left(second, 3), second), 5);
+    } else if (albedo) {
+        load_albedo(albedo, n, v);
+        first = shift_right(albedo_code(v[0]), 1);
+        second = sub_int(albedo_code(v[1]), sub_int(zero, albedo_code(v[2])));
+        second = shift_right(second, 2);
+    }
+    put_pairs(guide, or_int(first, shift_left(second, 8)), n);
+}
+
+void NAME(guide)(uint8_t *guide, const float *albedo, const float *normal, unsigned pixels){
+#define BLOCK(n)                                                                                   \
+    guide_block(guide + 2 * p, albedo ? albedo + 3 * p : NULL, normal ? normal + 3 * p : NULL, n)
     FOR_BLOCKS(pixels)
 #undef BLOCK
 }

@@ -13,6 +13,7 @@ void lull_port_neon(lull_kernels *kernels)
     kernels->filter5 = lull_filter5_neon;
     kernels->encode = lull_encode_neon;
     kernels->spread = lull_spread_neon;
+    kernels->guide = lull_guide_neon;
     kernels->demodulate = lull_demodulate_neon;
     kernels->shrink = lull_shrink_neon;
     kernels->blend = lull_blend_neon;

@@ -45,13 +45,6 @@ static void get_albedo(float *a, const float *pixel)
         a[0] = a[1] = a[2] = 1.0f;
 }
 
-static void put_guide(uint8_t *guide, const uint8_t *albedo, const uint8_t *normal)
-{
-    const uint8_t *a = albedo, *n = normal;
-    guide[0] = (uint8_t)(n ? (2 * n[0] - n[1] - n[2] + 510) / 8 : a[0] / 2);
-    guide[1] = (uint8_t)(n ? 7 * (n[1] - n[2] + 255) / 32 : (a[1] + a[2]) / 4);
-}
-
 void lull_encode_scalar(uint8_t *codes, const lull_encoding *from, unsigned pixels)
 {
     const float *albedo = from->albedo, *normal = from->normal, none = 1.0f - LULL_FILTER_EPSILON;
@@ -69,8 +62,20 @@ void lull_encode_scalar(uint8_t *codes, const lull_encoding *from, unsigned pixe
             codes[6 + c] = normal ? normal_code(normal[at]) : 128;
             codes[9 + c] = (uint8_t)(from->flags >> 8 * c);
         }
-        if (from->guide)
-            put_guide(from->guide + 2 * i, codes + 3, normal ? codes + 6 : NULL);
+    }
+}
+
+void lull_guide_scalar(uint8_t *guide, const float *albedo, const float *normal, unsigned pixels)
+{
+    for (size_t i = 0; i < pixels; i++, guide += 2) {
+        int q[3] = {0, 0, 0};
+        float a[3];
+        if (!normal && albedo)
+            get_albedo(a, albedo + 3 * i);
+        for (size_t c = 0; c < 3 && (normal || albedo); c++)
+            q[c] = normal ? normal_code(normal[3 * i + c]) : to_code(a[c] * 255.0f);
+        guide[0] = (uint8_t)(normal ? (2 * q[0] - q[1] - q[2] + 510) / 8 : q[0] / 2);
+        guide[1] = (uint8_t)(normal ? 7 * (q[1] - q[2] + 255) / 32 : (q[1] + q[2]) / 4);
     }
 }
 

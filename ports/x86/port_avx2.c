@@ -20,6 +20,7 @@ void lull_port_avx2(lull_kernels *kernels)
     kernels->filter5 = lull_filter5_avx2;
     kernels->encode = lull_encode_avx2;
     kernels->spread = lull_spread_avx2;
+    kernels->guide = lull_guide_avx2;
     kernels->demodulate = lull_demodulate_avx2;
     kernels->shrink = lull_shrink_avx2;
     kernels->blend = lull_blend_avx2;

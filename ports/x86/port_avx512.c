@@ -21,6 +21,7 @@ void lull_port_avx512(lull_kernels *kernels)
     kernels->filter5 = lull_filter5_avx512;
     kernels->encode = lull_encode_avx512;
     kernels->spread = lull_spread_avx512;
+    kernels->guide = lull_guide_avx512;
     kernels->demodulate = lull_demodulate_avx512;
     kernels->shrink = lull_shrink_avx512;
     kernels->blend = lull_blend_avx512;

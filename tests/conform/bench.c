@@ -347,14 +347,13 @@ static void run_filter5(const lull_kernels *k)
 
 static void run_encode(const lull_kernels *k)
 {
-    lull_encoding from = {floats, floats + 64 * PIXELS, floats + 128 * PIXELS, 1.0f, 65504.0f, 0,
-                          bytes + 12 * PIXELS};
+    lull_encoding from = {floats, floats + 64 * PIXELS, floats + 128 * PIXELS, 1.0f, 65504.0f, 0};
     k->encode(bytes, &from, PIXELS);
 }
 
 static void run_demodulate(const lull_kernels *k)
 {
-    lull_encoding from = {floats + 64 * PIXELS, NULL, NULL, 1.0f, 65504.0f, 0, NULL};
+    lull_encoding from = {floats + 64 * PIXELS, NULL, NULL, 1.0f, 65504.0f, 0};
     k->demodulate(floats, PLANE, &from, floats + 128 * PIXELS, PLANE, bytes, CODE_STEP,
                   floats + 256 * PIXELS, PIXELS);
 }
@@ -394,7 +393,7 @@ static void run_bilateral(const lull_kernels *k)
 
 static void run_residual(const lull_kernels *k)
 {
-    lull_encoding from = {floats, NULL, NULL, 1.0f, 65504.0f, 0, NULL};
+    lull_encoding from = {floats, NULL, NULL, 1.0f, 65504.0f, 0};
     lull_balance b = {floats + 256 * PIXELS, floats + 64 * PIXELS, floats + 128 * PIXELS, bytes,
                       PLANE, PLANE, PLANE, PIXELS};
     k->residual(&b, &from);
@@ -403,6 +402,11 @@ static void run_residual(const lull_kernels *k)
 static void run_spread(const lull_kernels *k)
 {
     k->spread(floats, PLANE, floats + 64 * PIXELS, PIXELS);
+}
+
+static void run_guide(const lull_kernels *k)
+{
+    k->guide(bytes, NULL, floats + 64 * PIXELS, PIXELS);
 }
 
 static void run_modulate(const lull_kernels *k)
@@ -466,6 +470,7 @@ static unsigned bench_pixels(const char *port, const lull_kernels *kernels,
     BENCH(shrink, "3 channels")
     BENCH(blend, "3 channels")
     BENCH(spread, "3 channels")
+    BENCH(guide, "of normals")
     BENCH(noise, "3 channels")
     BENCH(bilateral, "6 pixels")
     BENCH(residual, "4 sums")

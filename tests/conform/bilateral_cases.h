@@ -94,7 +94,7 @@ static void residual_case(unsigned pixels)
     float *smooth = make_floats(GUARD_ROW + 2, floats, 0.02f, 1.02f, at_end);
     uint8_t *noise = guard_place(GUARD_WEIGHTS, pixels, at_end);
     float *sums = place_planes(LULL_CELL_SUMS, pixels, &sum_plane, &bytes, at_end);
-    lull_encoding from = {radiance, NULL, NULL, 3.5f, 65504.0f, 0, NULL};
+    lull_encoding from = {radiance, NULL, NULL, 3.5f, 65504.0f, 0};
     lull_balance b = {sums, v, smooth, noise, sum_plane, plane, plane, pixels};
     spoil(radiance, 3 * (size_t)pixels);
     for (unsigned i = 0; i < pixels; i++)

@@ -43,6 +43,7 @@
 #define lull_filter5_avx2 emulated_filter5_avx2
 #define lull_encode_avx2 emulated_encode_avx2
 #define lull_spread_avx2 emulated_spread_avx2
+#define lull_guide_avx2 emulated_guide_avx2
 #define lull_demodulate_avx2 emulated_demodulate_avx2
 #define lull_shrink_avx2 emulated_shrink_avx2
 #define lull_blend_avx2 emulated_blend_avx2
