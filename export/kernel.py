@@ -200,9 +200,11 @@ def _upsampled(x: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
 
 
 def apply_filter(heads: list[np.ndarray], radiance: np.ndarray, albedo: np.ndarray | None,
-                 guide: np.ndarray | None = None, corrects: bool = False) -> np.ndarray:
-    """Filtered radiance [H,W,3]. heads: codes by level, of the padded size; guide: of guide_of, to
-    smooth along the result; corrects: gives back what that lacks then."""
+                 guide: np.ndarray | None = None, bilateral: int = 0,
+                 clipped: bool = False) -> np.ndarray:
+    """Filtered radiance [H,W,3]. heads: codes by level, of the padded size; bilateral: a value of
+    BILATERAL or 0; guide: of guide_of, if it is not 0; clipped: the radiance was, so that it lacks
+    light itself."""
     h, w, _ = radiance.shape
     table = weight_table()
     smooth = np.ones_like(radiance)
@@ -226,10 +228,11 @@ def apply_filter(heads: list[np.ndarray], radiance: np.ndarray, albedo: np.ndarr
     for level in range(LEVELS - 2, -1, -1):
         f = filtered[level]
         out = f + blends[level] * (_upsampled(out, f.shape) - f)
-    if guide is not None:
+    if bilateral:
         noise = noise_codes(confident[0], filtered[0])
-        out = smoothed(out, noise, guide)
-        out = corrected(out, smooth, noise, radiance) if corrects else out
+        out = smoothed(out, noise, guide, bilateral == SMOOTH_AND_CORRECT)
+        if bilateral == SMOOTH_AND_CORRECT and not clipped:
+            out = corrected(out, smooth, noise, radiance)
     return out * smooth
 
 
@@ -258,8 +261,7 @@ def run_frame(model: IntTrunk, frame: pixels.Frame, channels: int = 3) -> np.nda
     codes = np.pad(codes, ((0, -h % ALIGN), (0, -w % ALIGN), (0, 0)))
     maps = model.maps(codes)
     v = apply_filter([maps[n] for n in model.net.heads], r, aux["albedo"],
-                     guide_of(codes[:h, :w]) if model.bilateral else None,
-                     model.bilateral == SMOOTH_AND_CORRECT and rule.is_hdr)
+                     guide_of(codes[:h, :w]), model.bilateral, not rule.is_hdr)
     v = pixels.sanitize(v, 1.0, 0.0, pixels.MAX)
     v = pixels.srgb_forward(v) if frame.content == "srgb" and not rule.is_signed else v
     return frame.stored(v, channels)

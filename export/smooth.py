@@ -13,6 +13,7 @@ WIDTH_MAX, WIDTH_MIN = F(0.4), F(0.001)
 RESULT_GAIN = F(0.5)
 GUIDE_GAIN = F(0.012288)         # of squared differences of the guide
 OFFSETS = ((-6, 0), (-2, 0), (2, 0), (6, 0), (0, -2), (0, 2))  # (x, y) of pixels averaged over
+FAR_OFFSETS = ((-12, 0), (12, 0), (0, -4), (0, 4))             # and these before a correction
 CELL = 16                        # pixels a side of what is balanced
 BALANCE_EPS = F(0.15)            # three channels of 0.05
 NOISE_SHARE = F(0.05)            # of a correction, per noise code
@@ -66,14 +67,16 @@ def guide_of(codes: np.ndarray) -> np.ndarray:
     return np.stack(normal if codes[0, 0, 10] else (r // 2, (g + b) // 4), -1)
 
 
-def smoothed(out: np.ndarray, noise: np.ndarray, guide: np.ndarray) -> np.ndarray:
+def smoothed(out: np.ndarray, noise: np.ndarray, guide: np.ndarray,
+             is_far: bool) -> np.ndarray:
     """The demodulated result, averaged along surfaces whose light is even, [H,W,3].
 
-    out: demodulated result >= 0, float32 [H,W,3]; noise: of noise_codes; guide: of guide_of.
+    out: demodulated result >= 0, float32 [H,W,3]; noise: of noise_codes; guide: of guide_of;
+    is_far: over FAR_OFFSETS, too.
     """
     gain = shares(out + EPS, RESULT_GAIN, _width(noise))
     weights, total = np.ones_like(out[..., :1]), np.zeros_like(out)
-    for k in OFFSETS:
+    for k in OFFSETS + FAR_OFFSETS * is_far:
         change = _moved(out, k) - out
         apart = ((_moved(guide, k) - guide) ** 2).sum(-1, keepdims=True).astype(F)
         x = change * gain

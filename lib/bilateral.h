@@ -5,9 +5,10 @@
  * noise: codes, whole numbers of at most 255, of pixels' noise: LULL_NOISE_CODES (D / (C (F +
  *     LULL_NOISE_EPSILON))) + 0.5, where D = (|V(r) - C f(r)| + |V(g) - C f(g)|) + |V(b) - C f(b)|
  *     and F = (f(r) + f(g)) + f(b). v: planes (C, V), confident radiance; f: 3 planes, filtered.
+ *     255 where that is no number (C = 0).
  *
- * bilateral: the smoothed result of pixels all of whose columns, up to LULL_BILATERAL_REACH to
- *     either side, are there (of the noise one to either side).
+ * bilateral: the smoothed result of pixels all of whose columns, up to LULL_BILATERAL_REACH, or
+ *     LULL_BILATERAL_FAR if is_far, to either side, are there (of the noise one to either side).
  *
  * residual: adds what n pixels make of their cell's balance to planes of sums. With V = (v(r)
  *     smooth(r) + v(g) smooth(g)) + v(b) smooth(b), R = (R(r) + R(g)) + R(b), L = V +
@@ -21,6 +22,7 @@
 #include "base.h"
 
 #define LULL_BILATERAL_REACH 6         /* columns to either side */
+#define LULL_BILATERAL_FAR 12
 #define LULL_NOISE_CODES 384.0f        /* per 1 of noise */
 #define LULL_NOISE_EPSILON 0.06f       /* three times 0.02 */
 #define LULL_NOISE_WIDTH 0.0026041667f /* of weights, per noise code of three pixels */
@@ -47,8 +49,9 @@ typedef struct lull_surface {
 typedef struct lull_smoothing {
     float *out; /* 3 planes */
     const uint8_t *noise;
-    size_t out_plane, row_plane, plane; /* floats from plane to plane; the last of above, below */
-    lull_surface row, above, below;     /* row y; y - 2 and y + 2, or the nearest there is */
+    size_t out_plane, row_plane, plane; /* floats from plane to plane; the last of `beside` */
+    lull_surface row, beside[4]; /* row y; y - 2, y + 2, y - 4, y + 4, or the nearest there is */
+    int is_far;                  /* 1: with the pixels farthest away, else they need not be there */
     unsigned pixels;
 } lull_smoothing;
 

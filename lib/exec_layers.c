@@ -341,8 +341,11 @@ static void make_bilateral(const lull_task *t, unsigned x, unsigned y, unsigned 
     s.plane = s.row_plane = lull_exec_plane(plan, layer->source[0]);
     s.noise = lull_exec_noise(plan, layer->source[2], y, x);
     s.row = get_surface(plan, layer, x, y);
-    s.above = get_surface(plan, layer, x, y < 2 ? 0 : y - 2);
-    s.below = get_surface(plan, layer, x, lull_min_u(y + 2, last));
+    s.is_far = lull_graph_is_far(layer);
+    for (unsigned k = 0, away = 2; k < (s.is_far ? 4u : 2u); k += 2, away += 2) {
+        s.beside[k] = get_surface(plan, layer, x, y < away ? 0 : y - away);
+        s.beside[k + 1] = get_surface(plan, layer, x, lull_min_u(y + away, last));
+    }
     n = lull_min_u(n, width - x);
     lull_filter_bilateral(&plan->model->kernels, &s, -(int)x, (int)(width - 1) - (int)x, n);
     if (lull_graph_has_noise(&plan->model->graph, t->layer + 1))

@@ -44,7 +44,7 @@ void lull_filter_blend(const lull_kernels *kernels, const lull_blending *blendin
         blend_pixel(blending, first, last, i);
 }
 
-#define REACH LULL_BILATERAL_REACH
+#define REACH LULL_BILATERAL_FAR
 #define EDGE 8 /* pixels of an edge at once: a vector of most ports */
 #define COLUMNS (EDGE + 2 * REACH)
 
@@ -68,8 +68,8 @@ LULL_NOINLINE static void smooth_edge(const lull_kernels *kernels, const lull_sm
     part.row.v = v + REACH;
     part.row.guide = guide + 2 * REACH;
     part.row_plane = COLUMNS;
-    part.above.v += i, part.above.guide += 2 * i;
-    part.below.v += i, part.below.guide += 2 * i;
+    for (unsigned k = 0; k < (s->is_far ? 4u : 2u); k++)
+        part.beside[k].v += i, part.beside[k].guide += 2 * i;
     part.pixels = (unsigned)n;
     kernels->bilateral(&part);
 }
@@ -78,9 +78,9 @@ void lull_filter_bilateral(const lull_kernels *kernels, const lull_smoothing *sm
                            int last, unsigned n)
 {
     /* pixels whose columns are all there: from `begin` on, before `end` */
-    int all = (int)n, i;
-    int begin = first + REACH < 0 ? 0 : first + REACH > all ? all : first + REACH;
-    int end = last + 1 - REACH > all ? all : last + 1 - REACH;
+    int all = (int)n, i, reach = smoothing->is_far ? LULL_BILATERAL_FAR : LULL_BILATERAL_REACH;
+    int begin = first + reach < 0 ? 0 : first + reach > all ? all : first + reach;
+    int end = last + 1 - reach > all ? all : last + 1 - reach;
     lull_smoothing inside = *smoothing;
     end = end < begin ? begin : end;
     for (i = 0; i < begin; i += EDGE)
@@ -88,8 +88,8 @@ void lull_filter_bilateral(const lull_kernels *kernels, const lull_smoothing *sm
     inside.out += begin;
     inside.noise += begin;
     inside.row.v += begin, inside.row.guide += 2 * begin;
-    inside.above.v += begin, inside.above.guide += 2 * begin;
-    inside.below.v += begin, inside.below.guide += 2 * begin;
+    for (unsigned k = 0; k < (inside.is_far ? 4u : 2u); k++)
+        inside.beside[k].v += begin, inside.beside[k].guide += 2 * begin;
     inside.pixels = (unsigned)(end - begin);
     if (begin < end)
         kernels->bilateral(&inside);

@@ -298,7 +298,8 @@ static lull_status add_filters(lull_graph *graph, const lull_tza *tza)
     static const lull_reads rows3[] = {LULL_READS_ROW, LULL_READS_ROW, LULL_READS_ROW};
     static const lull_reads pool[] = {LULL_READS_FINE, LULL_READS_ROW};
     static const lull_reads blend[] = {LULL_READS_ROW, LULL_READS_COARSE};
-    static const lull_reads bilateral[] = {LULL_READS_5, LULL_READS_5, LULL_READS_ROW};
+    static const lull_reads near[] = {LULL_READS_5, LULL_READS_5, LULL_READS_ROW};
+    static const lull_reads far[] = {LULL_READS_9, LULL_READS_9, LULL_READS_ROW};
     static const lull_reads cell[] = {LULL_READS_CELL, LULL_READS_CELL};
     static const lull_reads correct[] = {LULL_READS_ROW, LULL_READS_CELLS};
     unsigned head[K_LEVELS], filtered[K_LEVELS], v, even, result;
@@ -335,7 +336,8 @@ static lull_status add_filters(lull_graph *graph, const lull_tza *tza)
                             (unsigned[]){filtered[s], result, LULL_TENSOR_NONE}, blend);
     if (has_bilateral)
         result = add_filter(graph, LULL_OP_BILATERAL, 0, 3,
-                            (unsigned[]){result, LULL_TENSOR_GUIDE, filtered[0]}, bilateral);
+                            (unsigned[]){result, LULL_TENSOR_GUIDE, filtered[0]},
+                            has_residual ? far : near);
     if (has_residual) {
         unsigned sums = add_filter(graph, LULL_OP_RESIDUAL, LULL_CELL_LEVEL, LULL_CELL_SUMS,
                           (unsigned[]){result, LULL_TENSOR_RADIANCE, LULL_TENSOR_NONE}, cell);
@@ -344,6 +346,8 @@ static lull_status add_filters(lull_graph *graph, const lull_tza *tza)
     }
     return result == LULL_TENSOR_NONE ? LULL_ERROR_NETWORK : LULL_OK;
 }
+
+int lull_graph_is_far(const lull_layer *layer) { return layer->reads[0] == LULL_READS_9; }
 
 /* fp32 convolutions take Winograd's form where patches lie the same in every strip: strips begin at
  * multiples of 1 << levels pixels. */
@@ -362,7 +366,7 @@ static void choose_forms(lull_graph *graph)
  * all pixels of a patch depend on all that its points are made of. */
 static unsigned reach(const lull_graph *graph, int is_exact)
 {
-    static const uint8_t radius[] = {0, 1, 2, 1, 0, 0, LULL_GAIN_REACH};
+    static const uint8_t radius[] = {0, 1, 2, 4, 1, 0, 0, LULL_GAIN_REACH};
     unsigned field = 0, align = 1u << graph->levels;
     for (unsigned i = 0; i < graph->layers; i++) {
         const lull_layer *layer = &graph->layer[i];
@@ -373,7 +377,7 @@ static unsigned reach(const lull_graph *graph, int is_exact)
         if (is_exact && layer->is_winograd)
             most = LULL_WINOGRAD_COLUMNS;
         if (layer->op == LULL_OP_BILATERAL)
-            most = LULL_BILATERAL_REACH;
+            most = lull_graph_is_far(layer) ? LULL_BILATERAL_FAR : LULL_BILATERAL_REACH;
         field += most << layer->level;
     }
     field += align - 1; /* phase of the pixel inside its coarsest cell */

@@ -47,6 +47,7 @@ typedef enum lull_reads {
     LULL_READS_ROW,    /* y */
     LULL_READS_3,      /* y-1 .. y+1 */
     LULL_READS_5,      /* y-2 .. y+2 */
+    LULL_READS_9,      /* y-4 .. y+4 */
     LULL_READS_COARSE, /* of half the resolution: (y+1)/2 - 1 and (y+1)/2 */
     LULL_READS_FINE,   /* of twice the resolution: 2y, 2y+1 */
     LULL_READS_CELL,   /* of 16 times the resolution: 16y .. 16y+15 */
@@ -107,6 +108,9 @@ unsigned lull_graph_max(const lull_graph *graph, unsigned tensor);
 /* 1 if rows of the tensor are planes, one for each channel: those of the filter's layers and the
  * albedo; other rows interleave the channels. Planes of bytes may follow: one more for each. */
 int lull_graph_planes(const lull_graph *graph, unsigned tensor);
+
+/* 1 if a layer, the smoothing along the result, looks at the pixels farthest away. */
+int lull_graph_is_far(const lull_layer *layer);
 
 /* 1 if the codes of the noise stand beside a tensor for the smoothing along the result, which not
  * all models have. */

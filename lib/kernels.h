@@ -82,8 +82,7 @@ typedef struct lull_conv {
  *     (v(1) v(2)) s, (v(0) v(2)) s and (v(0) v(1)) s: top / (v bottom) with one division.
  *
  * encode: 12 codes a pixel, those of the radiance from u = 1 + LULL_LOG_GAIN (R share), share of
- *     the albedo + epsilon (1, 1). The last three codes are
- *     the bytes of `flags`, the lowest first.
+ *     the albedo + epsilon (1, 1). The last three codes are the bytes of `flags`, the lowest first.
  *
  * spread: planes (1, albedo), counting as above.
  *

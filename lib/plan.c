@@ -25,7 +25,7 @@ enum { MANY_STEP, FEW_STEP, SMALL_STEP };
  * number of rows of the layer. */
 static unsigned rows_ready(lull_reads reads, unsigned rows, unsigned height, unsigned all)
 {
-    static const uint8_t below[] = {0, 1, 2}; /* rows after y that are read */
+    static const uint8_t below[] = {0, 1, 2, 4}; /* rows after y that are read */
     if (rows >= height)
         return all;
     if (reads == LULL_READS_CELL)
@@ -42,7 +42,7 @@ static unsigned rows_ready(lull_reads reads, unsigned rows, unsigned height, uns
 /* The first row of a source that a layer still needs whose next row (before pooling) is `row`. */
 static unsigned rows_needed(lull_reads reads, unsigned row)
 {
-    static const uint8_t above[] = {0, 1, 2, 1, 0, 0, 2};
+    static const uint8_t above[] = {0, 1, 2, 4, 1, 0, 0, 2};
     if (reads == LULL_READS_CELL)
         row = LULL_CELL * row;
     if (reads == LULL_READS_CELLS)

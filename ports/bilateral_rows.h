@@ -114,8 +114,14 @@ LULL_INLINE void bilateral_block(const lull_smoothing *s, size_t p, unsigned n)
     weigh(&to, &s->row, plane, p - 2, n);
     weigh(&to, &s->row, plane, p + 2, n);
     weigh(&to, &s->row, plane, p + LULL_BILATERAL_REACH, n);
-    weigh(&to, &s->above, s->plane, p, n);
-    weigh(&to, &s->below, s->plane, p, n);
+    weigh(&to, &s->beside[0], s->plane, p, n);
+    weigh(&to, &s->beside[1], s->plane, p, n);
+    if (s->is_far) {
+        weigh(&to, &s->row, plane, p - LULL_BILATERAL_FAR, n);
+        weigh(&to, &s->row, plane, p + LULL_BILATERAL_FAR, n);
+        weigh(&to, &s->beside[2], s->plane, p, n);
+        weigh(&to, &s->beside[3], s->plane, p, n);
+    }
     share = quotient(set(1.0f), to.weights);
     store_n(out, add(to.r, mul(to.sum_r, share)), n);
     store_n(out + s->out_plane, add(to.g, mul(to.sum_g, share)), n);

@@ -8,9 +8,10 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from export.smooth import (BALANCE_EPS, CELL, GUIDE_GAIN, MOST_GAIN, MOST_LACKING, NOISE_EPS,
-                           NOISE_GAIN, NOISE_SHARE, OFFSETS, RESULT_GAIN, SPARK, SPARKS_LEAST,
-                           SPARKS_SQUARED, WIDTH_MAX, WIDTH_MIN, WIDTH_PER_CODE)
+from export.kernel import SMOOTH_AND_CORRECT
+from export.smooth import (BALANCE_EPS, CELL, FAR_OFFSETS, GUIDE_GAIN, MOST_GAIN, MOST_LACKING,
+                           NOISE_EPS, NOISE_GAIN, NOISE_SHARE, OFFSETS, RESULT_GAIN, SPARK,
+                           SPARKS_LEAST, SPARKS_SQUARED, WIDTH_MAX, WIDTH_MIN, WIDTH_PER_CODE)
 from training import fused
 
 SIDE, RADIUS, TAPS = 5, 2, 25
@@ -143,11 +144,11 @@ def divisor(logits: Tensor, albedo: Tensor, has_albedo: Tensor) -> Tensor:
 
 
 def smooth_result(out: Tensor, head: Tensor, radiance: Tensor, albedo: Tensor, has_albedo: Tensor,
-                  codes: Tensor, corrects: Tensor) -> Tensor:
+                  codes: Tensor, bilateral: int) -> Tensor:
     """The result `out` of apply_filter after the last steps, [N,3,H,W].
 
     head: that of full resolution; codes: the network's input, whole numbers of 0..255, [N,12,H,W];
-    corrects: where the last step is one of them, bool [N,1,H,W].
+    bilateral: a value of export.kernel.BILATERAL.
     """
     logits, confidence, _, smoothing = split_codes(head.to(radiance.dtype), FULL_PARTS)
     s = divisor(smoothing, albedo, has_albedo)
@@ -155,8 +156,11 @@ def smooth_result(out: Tensor, head: Tensor, radiance: Tensor, albedo: Tensor, h
     c, first = torch.exp(confidence + CONFIDENCE), radiance / s
     sums = kernel_filter(logits, torch.cat((c, c * first), 1))
     noise = noise_codes(first, sums[:, 1:] / sums[:, :1])
-    v = smoothed(out / s, noise, guide_of(codes))
-    return torch.where(corrects, corrected(v, s, noise, radiance), v) * s
+    corrects = bilateral == SMOOTH_AND_CORRECT
+    v = smoothed(out / s, noise, guide_of(codes), corrects)
+    if corrects:  # but not what is clipped
+        v = torch.where(codes[:, 11:12] > 0, v, corrected(v, s, noise, radiance))
+    return v * s
 
 
 def moved(v: Tensor, offset: tuple[int, int]) -> Tensor:
@@ -188,13 +192,13 @@ def guide_of(codes: Tensor) -> Tensor:
     return guide.floor()
 
 
-def smoothed(out: Tensor, noise: Tensor, guide: Tensor) -> Tensor:
+def smoothed(out: Tensor, noise: Tensor, guide: Tensor, is_far: bool) -> Tensor:
     """export.smooth.smoothed of tensors [N,3,H,W]."""
     width = sum(moved(noise, (k, 0)) for k in (-1, 0, 1)) * float(WIDTH_PER_CODE)
     width = width.clamp(float(WIDTH_MIN), float(WIDTH_MAX))
     gain = (float(RESULT_GAIN) / width) / (out + EPS)
     weights, total = torch.ones_like(out[:, :1]), torch.zeros_like(out)
-    for k in OFFSETS:
+    for k in OFFSETS + FAR_OFFSETS * is_far:
         change = moved(out, k) - out
         apart = (moved(guide, k) - guide).square().sum(1, keepdim=True)
         t = summed((change * gain).square()) + float(GUIDE_GAIN) * apart

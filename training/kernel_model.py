@@ -13,7 +13,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from export.kernel import SMOOTH_AND_CORRECT, without_black
+from export.kernel import without_black
 from training import color
 from training.kernel_filter import apply_filter, smooth_result
 from training.kernel_net import KernelNet, encode
@@ -64,8 +64,7 @@ def run(trunk: Callable[[Tensor], list[Tensor]], transfer: str, x: Tensor,
     images = radiance, x[:, 3:6], x[:, 9:10]
     out = apply_filter(heads, *images)
     if bilateral:
-        corrects = (x[:, 11:12] == 0) & (bilateral == SMOOTH_AND_CORRECT)
-        out = smooth_result(out, heads[0], *images, (codes.to(x.dtype) * 255.0).round(), corrects)
+        out = smooth_result(out, heads[0], *images, (codes.to(x.dtype) * 255.0).round(), bilateral)
     return to_codes(transfer, out, LOWEST, color.HDR_MAX)
 
 

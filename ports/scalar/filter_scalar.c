@@ -212,8 +212,11 @@ static float weight_of(const lull_smoothing *s, ptrdiff_t i, const lull_surface 
 
 void lull_bilateral_scalar(const lull_smoothing *s)
 {
-    static const int8_t columns[] = {-LULL_BILATERAL_REACH, -2, 2, LULL_BILATERAL_REACH, 0, 0};
-    const lull_surface *const rows[] = {&s->row, &s->row, &s->row, &s->row, &s->above, &s->below};
+    static const int8_t columns[] = {-LULL_BILATERAL_REACH, -2, 2, LULL_BILATERAL_REACH, 0, 0,
+                                     -LULL_BILATERAL_FAR, LULL_BILATERAL_FAR, 0, 0};
+    const lull_surface *const row = &s->row, *const beside = s->beside;
+    const lull_surface *const rows[] = {row,         row, row, row,        beside,
+                                        beside + 1,  row, row, beside + 2, beside + 3};
     for (ptrdiff_t i = 0; i < (ptrdiff_t)s->pixels; i++) {
         const uint8_t *noise = s->noise + i;
         const float *v = s->row.v + i;
@@ -223,7 +226,7 @@ void lull_bilateral_scalar(const lull_smoothing *s)
         for (size_t c = 0; c < 3; c++)
             g[c] = v[c * s->row_plane] + LULL_FILTER_EPSILON;
         shares(g, 0.5f, width > LULL_NARROWEST ? width : LULL_NARROWEST);
-        for (unsigned k = 0; k < sizeof columns; k++) {
+        for (unsigned k = 0; k < (s->is_far ? 10u : 6u); k++) {
             float w = weight_of(s, i, rows[k], i + columns[k], g, change);
             weights += w;
             for (unsigned c = 0; c < 3; c++)

@@ -37,7 +37,8 @@ static void noise_cases(void)
 static size_t make_surface(lull_surface *to, unsigned r, unsigned pixels, unsigned side, float even,
                            int at_end)
 {
-    static const unsigned guide_places[] = {GUARD_ROW + 5, GUARD_BIAS, GUARD_MULTIPLIER};
+    static const unsigned guide_places[] = {GUARD_ROW + 5, GUARD_BIAS, GUARD_MULTIPLIER,
+                                            GUARD_START, GUARD_ROOM};
     unsigned n = pixels + 2 * side;
     size_t plane = n + GAP;
     uint8_t *guide = guard_place(guide_places[r], 2 * (size_t)n, at_end);
@@ -55,17 +56,16 @@ static void bilateral_case(unsigned pixels, float even)
     size_t plane, bytes;
     float *out = place_planes(3, pixels, &plane, &bytes, at_end);
     uint8_t *noise = guard_place(GUARD_WEIGHTS, pixels + 2, at_end);
-    lull_smoothing s = {out, noise + 1, plane, 0, 0, {0}, {0}, {0}, pixels};
+    lull_smoothing s = {out, noise + 1, plane, 0, 0, {0}, {{0}}, 0, pixels};
+    s.is_far = guard_below(2) != 0;
     for (unsigned i = 0; i < pixels + 2; i++)
         noise[i] = (uint8_t)guard_below(guard_below(2) ? 8 : 256);
-    s.row_plane = make_surface(&s.row, 0, pixels, LULL_BILATERAL_REACH, even, at_end);
-    s.plane = make_surface(&s.above, 1, pixels, 0, even, at_end);
-    make_surface(&s.below, 2, pixels, 0, even, at_end);
-    if (guard_below(2)) { /* as at the upper edge of an image */
-        s.above = s.row;
-        s.plane = s.row_plane;
-        make_surface(&s.below, 1, pixels, LULL_BILATERAL_REACH, even, at_end);
-    }
+    s.row_plane = make_surface(
+        &s.row, 0, pixels, s.is_far ? LULL_BILATERAL_FAR : LULL_BILATERAL_REACH, even, at_end);
+    for (unsigned r = 0; r < (s.is_far ? 4u : 2u); r++)
+        s.plane = make_surface(&s.beside[r], 1 + r, pixels, 0, even, at_end);
+    if (s.is_far && guard_below(2)) /* as at the upper edge of an image */
+        s.beside[2] = s.beside[0];
     now.scalar.bilateral(&s);
     memcpy(expected, out, bytes);
     for (size_t i = 0; i < pixels; i++)
