@@ -52,7 +52,7 @@ def test_memory_of_a_base_network(info, work):
         assert high[name] <= low[name] + 8192, name  # auto-exposure keeps one number a bin row
 
 
-@pytest.mark.parametrize("name, kmac", [("kernel5_8", 7.7), ("kernel5_16", 20.0),
+@pytest.mark.parametrize("name, kmac", [("kernel5_8", 7.7), ("kernel5_12", 14.2),
                                         ("kernel5_32", 40.4)])
 def test_built_in_weights(info, name, kmac):
     report = info(golden_int.ROOT / "weights" / f"{name}.tza", "--json").json["files"][0]
@@ -64,7 +64,7 @@ def test_memory_of_the_balanced_model(info, monkeypatch):
     """At most 10 MB above the images, whichever port runs it (patches took 10.4)."""
     for port in [p["name"] for p in info("--json").json["ports"] if p["available"]]:
         monkeypatch.setenv("LULL_PORTS", port)
-        report = info(golden_int.ROOT / "weights" / "kernel5_16.tza", "--json").json["files"][0]
+        report = info(golden_int.ROOT / "weights" / "kernel5_12.tza", "--json").json["files"][0]
         assert (report["width"], report["height"]) == (1920, 1080)
         assert report["plan_bytes"] <= 10e6, port
 
