@@ -222,7 +222,8 @@ def test_any_size_equals_the_reference(height, width):
     net = IntegerKernel(model, "linear").eval()
     with torch.no_grad():
         got = net(torch.from_numpy(x.transpose(2, 0, 1).copy())[None])[0].numpy().transpose(1, 2, 0)
-    assert np.abs(got - want).mean() < 2e-3 and np.median(np.abs(got - want)) < 1e-5
+    # single input codes differ by one: the reference's logarithm is a polynomial
+    assert np.abs(got - want).mean() < 1e-3 and np.median(np.abs(got - want)) < 5e-4
 
 
 def test_tiles_lose_features_and_highlights(raw):
