@@ -142,11 +142,10 @@ def bilateral_of(tensors: Mapping[str, np.ndarray], file: str) -> int:
 
 def log_codes(u: np.ndarray) -> np.ndarray:
     """Logarithm of u >= 1 in codes, not yet rounded."""
-    bits = u.view(np.int32)
-    exponent = (bits - 0x3F3504F3) >> 23
-    t = (bits - (exponent << 23)).view(F) - F(1)
+    m, e = pixels.mantissa(u)
+    t = m - F(1)
     a, b, c, d = LOG_TERMS
-    return exponent.astype(F) * CODES_PER_OCTAVE + t * ((b * t + a) + (t * t) * (d * t + c))
+    return e * CODES_PER_OCTAVE + t * ((b * t + a) + (t * t) * (d * t + c))
 
 
 def encode(radiance: np.ndarray, albedo: np.ndarray | None, normal: np.ndarray | None,

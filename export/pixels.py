@@ -29,16 +29,21 @@ def _flush_result(v: np.ndarray) -> np.ndarray:
     return np.where(v > TINY, v, F(0))
 
 
-def _log2_parts(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(whole, part): their sum is log2(x), part in [-0.5, 0.5]; x normal."""
+def mantissa(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(m, e) of x = m 2^e, m in [sqrt(1/2), sqrt(2)); x normal."""
     bits = x.view(np.int32)
     exponent = (bits - np.int32(0x3F3504F3)) >> 23
-    m = (bits - (exponent << 23)).view(F)
+    return (bits - (exponent << 23)).view(F), exponent.astype(F)
+
+
+def _log2_parts(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(whole, part): their sum is log2(x), part in [-0.5, 0.5]; x normal."""
+    m, whole = mantissa(x)
     s = (m - F(1)) / (m + F(1))
     w = s * s
     p = ((F(0.431737901252) * w + F(0.576714309537)) * (w * w)
          + (F(0.961798848299) * w + F(2.88539007979)))
-    return exponent.astype(F), s * p
+    return whole, s * p
 
 
 def _nearest(t: np.ndarray) -> np.ndarray:

@@ -98,24 +98,30 @@ LULL_INLINE float lull_float(uint32_t u)
     return f;
 }
 
+/* m in [sqrt(1/2), sqrt(2)) and, as a number, the exponent *e of x = m 2^e; x finite >= FLT_MIN. */
+LULL_INLINE float lull_mantissa(float x, float *e)
+{
+    uint32_t bits = lull_bits(x);
+    int32_t exponent = (int32_t)(bits - 0x3f3504f3u) >> 23;
+    *e = (float)exponent;
+    return lull_float(bits - ((uint32_t)exponent << 23));
+}
+
 /* A logarithm in two parts, whole + part, with part in [-0.5, 0.5]. */
 typedef struct lull_logarithm {
     float whole, part;
 } lull_logarithm;
 
-/* log2(x), x finite >= FLT_MIN. x = 2^whole * m with m in [sqrt(1/2), sqrt(2)); with s =
- * (m-1)/(m+1), log2(m) = 2/ln(2) * atanh(s), an odd series. */
+/* log2(x), x finite >= FLT_MIN. With s = (m-1)/(m+1), log2(m) = 2/ln(2) * atanh(s), an odd series.
+ */
 LULL_INLINE lull_logarithm lull_log2_parts(float x)
 {
-    uint32_t bits = lull_bits(x);
-    int32_t exponent = (int32_t)(bits - 0x3f3504f3u) >> 23;
-    float m = lull_float(bits - ((uint32_t)exponent << 23));
+    lull_logarithm l;
+    float m = lull_mantissa(x, &l.whole);
     float s = (m - 1.0f) / (m + 1.0f);
     float w = s * s;
     float p = (0.431737901252f * w + 0.576714309537f) * (w * w)
               + (0.961798848299f * w + 2.88539007979f);
-    lull_logarithm l;
-    l.whole = (float)exponent;
     l.part = s * p;
     return l;
 }

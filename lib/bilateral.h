@@ -40,20 +40,28 @@
 #define LULL_MOST_GAIN 0.5f
 #define LULL_GAIN_REACH 64u /* columns to either side on which a correction depends */
 
-/* A row of the result, 3 planes, and its guide (kernels.h). */
+/* A row of the result, 3 planes, `plane` floats apart, and its guide (kernels.h). */
 typedef struct lull_surface {
     const float *v;
     const uint8_t *guide;
+    size_t plane;
 } lull_surface;
 
 typedef struct lull_smoothing {
     float *out; /* 3 planes */
     const uint8_t *noise;
-    size_t out_plane, row_plane, plane; /* floats from plane to plane; the last of `beside` */
+    size_t out_plane;
     lull_surface row, beside[4]; /* row y; y - 2, y + 2, y - 4, y + 4, or the nearest there is */
     int is_far;                  /* 1: with the pixels farthest away, else they need not be there */
     unsigned pixels;
 } lull_smoothing;
+
+/* Columns to either side, and rows of `beside`, that a smoothing looks at. */
+LULL_INLINE int lull_bilateral_columns(int is_far)
+{
+    return is_far ? LULL_BILATERAL_FAR : LULL_BILATERAL_REACH;
+}
+LULL_INLINE unsigned lull_bilateral_rows(int is_far) { return is_far ? 4 : 2; }
 
 /* Pixels of a row of the smoothed result, 3 planes, and what belongs to them; sums lie in planes,
  * sum_plane apart. */

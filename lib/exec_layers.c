@@ -320,6 +320,7 @@ static lull_surface get_surface(const lull_plan *plan, const lull_layer *layer, 
 {
     lull_surface at;
     at.v = lull_exec_floats(plan, layer->source[0], y, x);
+    at.plane = lull_exec_plane(plan, layer->source[0]);
     at.guide = lull_exec_row(plan, layer->source[1], y) + 2 * (size_t)x;
     return at;
 }
@@ -338,11 +339,10 @@ static void make_bilateral(const lull_task *t, unsigned x, unsigned y, unsigned 
         return;
     s.out = lull_exec_floats(plan, t->layer + 1, y, x);
     s.out_plane = lull_exec_plane(plan, t->layer + 1);
-    s.plane = s.row_plane = lull_exec_plane(plan, layer->source[0]);
     s.noise = lull_exec_noise(plan, layer->source[2], y, x);
     s.row = get_surface(plan, layer, x, y);
     s.is_far = lull_graph_is_far(layer);
-    for (unsigned k = 0, away = 2; k < (s.is_far ? 4u : 2u); k += 2, away += 2) {
+    for (unsigned k = 0, away = 2; k < lull_bilateral_rows(s.is_far); k += 2, away += 2) {
         s.beside[k] = get_surface(plan, layer, x, y < away ? 0 : y - away);
         s.beside[k + 1] = get_surface(plan, layer, x, lull_min_u(y + away, last));
     }

@@ -48,28 +48,36 @@ void lull_filter_blend(const lull_kernels *kernels, const lull_blending *blendin
 #define EDGE 8 /* pixels of an edge at once: a vector of most ports */
 #define COLUMNS (EDGE + 2 * REACH)
 
+/* The same from its pixel i on. */
+static lull_smoothing smoothing_from(const lull_smoothing *smoothing, int i)
+{
+    lull_smoothing s = *smoothing;
+    s.out += i, s.noise += i;
+    s.row.v += i, s.row.guide += 2 * i;
+    for (unsigned k = 0; k < lull_bilateral_rows(s.is_far); k++)
+        s.beside[k].v += i, s.beside[k].guide += 2 * i;
+    return s;
+}
+
 /* n <= EDGE pixels from i on, where columns may be missing: the nearest one stands for them. */
 LULL_NOINLINE static void smooth_edge(const lull_kernels *kernels, const lull_smoothing *s,
                                       int first, int last, int i, int n)
 {
     float v[3 * COLUMNS];
     uint8_t guide[2 * COLUMNS], noise[COLUMNS];
-    lull_smoothing part = *s;
+    lull_smoothing part = smoothing_from(s, i);
     for (int d = 0; d < n + 2 * REACH; d++) {
         int x = i + d - REACH;
         x = x < first ? first : x > last ? last : x;
         noise[d] = s->noise[x];
         memcpy(guide + 2 * d, s->row.guide + 2 * (ptrdiff_t)x, 2);
         for (int c = 0; c < 3; c++)
-            v[c * COLUMNS + d] = s->row.v[c * (ptrdiff_t)s->row_plane + x];
+            v[c * COLUMNS + d] = s->row.v[c * (ptrdiff_t)s->row.plane + x];
     }
-    part.out += i;
     part.noise = noise + REACH;
     part.row.v = v + REACH;
     part.row.guide = guide + 2 * REACH;
-    part.row_plane = COLUMNS;
-    for (unsigned k = 0; k < (s->is_far ? 4u : 2u); k++)
-        part.beside[k].v += i, part.beside[k].guide += 2 * i;
+    part.row.plane = COLUMNS;
     part.pixels = (unsigned)n;
     kernels->bilateral(&part);
 }
@@ -78,18 +86,14 @@ void lull_filter_bilateral(const lull_kernels *kernels, const lull_smoothing *sm
                            int last, unsigned n)
 {
     /* pixels whose columns are all there: from `begin` on, before `end` */
-    int all = (int)n, i, reach = smoothing->is_far ? LULL_BILATERAL_FAR : LULL_BILATERAL_REACH;
+    int all = (int)n, i, reach = lull_bilateral_columns(smoothing->is_far);
     int begin = first + reach < 0 ? 0 : first + reach > all ? all : first + reach;
     int end = last + 1 - reach > all ? all : last + 1 - reach;
-    lull_smoothing inside = *smoothing;
+    lull_smoothing inside;
     end = end < begin ? begin : end;
     for (i = 0; i < begin; i += EDGE)
         smooth_edge(kernels, smoothing, first, last, i, begin - i < EDGE ? begin - i : EDGE);
-    inside.out += begin;
-    inside.noise += begin;
-    inside.row.v += begin, inside.row.guide += 2 * begin;
-    for (unsigned k = 0; k < (inside.is_far ? 4u : 2u); k++)
-        inside.beside[k].v += begin, inside.beside[k].guide += 2 * begin;
+    inside = smoothing_from(smoothing, begin);
     inside.pixels = (unsigned)(end - begin);
     if (begin < end)
         kernels->bilateral(&inside);

@@ -339,15 +339,14 @@ static lull_status add_filters(lull_graph *graph, const lull_tza *tza)
                             (unsigned[]){result, LULL_TENSOR_GUIDE, filtered[0]},
                             has_residual ? far : near);
     if (has_residual) {
-        unsigned sums = add_filter(graph, LULL_OP_RESIDUAL, LULL_CELL_LEVEL, LULL_CELL_SUMS,
-                          (unsigned[]){result, LULL_TENSOR_RADIANCE, LULL_TENSOR_NONE}, cell);
+        unsigned sums =
+            add_filter(graph, LULL_OP_RESIDUAL, LULL_CELL_LEVEL, LULL_CELL_SUMS,
+                       (unsigned[]){result, LULL_TENSOR_RADIANCE, LULL_TENSOR_NONE}, cell);
         result = add_filter(graph, LULL_OP_CORRECT, 0, 3,
                             (unsigned[]){result, sums, LULL_TENSOR_NONE}, correct);
     }
     return result == LULL_TENSOR_NONE ? LULL_ERROR_NETWORK : LULL_OK;
 }
-
-int lull_graph_is_far(const lull_layer *layer) { return layer->reads[0] == LULL_READS_9; }
 
 /* fp32 convolutions take Winograd's form where patches lie the same in every strip: strips begin at
  * multiples of 1 << levels pixels. */
@@ -377,7 +376,7 @@ static unsigned reach(const lull_graph *graph, int is_exact)
         if (is_exact && layer->is_winograd)
             most = LULL_WINOGRAD_COLUMNS;
         if (layer->op == LULL_OP_BILATERAL)
-            most = lull_graph_is_far(layer) ? LULL_BILATERAL_FAR : LULL_BILATERAL_REACH;
+            most = (unsigned)lull_bilateral_columns(lull_graph_is_far(layer));
         field += most << layer->level;
     }
     field += align - 1; /* phase of the pixel inside its coarsest cell */
@@ -449,6 +448,8 @@ int lull_graph_is_local(const lull_graph *graph, unsigned tensor)
     const lull_layer *layer = &graph->layer[tensor - 1];
     return tensor >= 1 && tensor <= graph->layers && layer->op == LULL_OP_HEAD && layer->level == 0;
 }
+
+int lull_graph_is_far(const lull_layer *layer) { return layer->reads[0] == LULL_READS_9; }
 
 int lull_graph_has_noise(const lull_graph *graph, unsigned tensor)
 {

@@ -75,8 +75,9 @@ typedef struct weighing {
 LULL_INLINE vec squares(vec a, vec b, vec c) { return add(add(mul(a, a), mul(b, b)), mul(c, c)); }
 
 /* Pixels from p on of `other`. */
-LULL_INLINE void weigh(weighing *to, const lull_surface *other, size_t plane, size_t p, unsigned n)
+LULL_INLINE void weigh(weighing *to, const lull_surface *other, size_t p, unsigned n)
 {
+    const size_t plane = other->plane;
     ivec apart = squares_of_pairs(pairs(other->guide + 2 * p, n), to->guide);
     vec r = sub(plane_at(other->v, plane, 0, p, n), to->r);
     vec g = sub(plane_at(other->v, plane, 1, p, n), to->g);
@@ -93,7 +94,7 @@ LULL_INLINE void weigh(weighing *to, const lull_surface *other, size_t plane, si
 
 LULL_INLINE void bilateral_block(const lull_smoothing *s, size_t p, unsigned n)
 {
-    const size_t plane = s->row_plane;
+    const size_t plane = s->row.plane;
     const uint8_t *noise = s->noise + p;
     float *out = s->out + p;
     vec width = add(add(bytes(noise - 1, n), bytes(noise, n)), bytes(noise + 1, n)), v[3], share;
@@ -110,17 +111,17 @@ LULL_INLINE void bilateral_block(const lull_smoothing *s, size_t p, unsigned n)
     to.guide = pairs(s->row.guide + 2 * p, n);
     to.sum_r = to.sum_g = to.sum_b = set(0.0f);
     to.weights = set(1.0f);
-    weigh(&to, &s->row, plane, p - LULL_BILATERAL_REACH, n);
-    weigh(&to, &s->row, plane, p - 2, n);
-    weigh(&to, &s->row, plane, p + 2, n);
-    weigh(&to, &s->row, plane, p + LULL_BILATERAL_REACH, n);
-    weigh(&to, &s->beside[0], s->plane, p, n);
-    weigh(&to, &s->beside[1], s->plane, p, n);
+    weigh(&to, &s->row, p - LULL_BILATERAL_REACH, n);
+    weigh(&to, &s->row, p - 2, n);
+    weigh(&to, &s->row, p + 2, n);
+    weigh(&to, &s->row, p + LULL_BILATERAL_REACH, n);
+    weigh(&to, &s->beside[0], p, n);
+    weigh(&to, &s->beside[1], p, n);
     if (s->is_far) {
-        weigh(&to, &s->row, plane, p - LULL_BILATERAL_FAR, n);
-        weigh(&to, &s->row, plane, p + LULL_BILATERAL_FAR, n);
-        weigh(&to, &s->beside[2], s->plane, p, n);
-        weigh(&to, &s->beside[3], s->plane, p, n);
+        weigh(&to, &s->row, p - LULL_BILATERAL_FAR, n);
+        weigh(&to, &s->row, p + LULL_BILATERAL_FAR, n);
+        weigh(&to, &s->beside[2], p, n);
+        weigh(&to, &s->beside[3], p, n);
     }
     share = quotient(set(1.0f), to.weights);
     store_n(out, add(to.r, mul(to.sum_r, share)), n);

@@ -10,11 +10,9 @@ static uint8_t to_code(float v)
 /* Logarithm of u >= 1 in codes (kernels.h). */
 static float log_code(float u)
 {
-    uint32_t bits = lull_bits(u);
-    int32_t exponent = (int32_t)(bits - 0x3f3504f3u) >> 23;
-    float t = lull_float(bits - ((uint32_t)exponent << 23)) - 1.0f;
+    float e, t = lull_mantissa(u, &e) - 1.0f;
     float p = LULL_LOG_2 * t + LULL_LOG_1, q = LULL_LOG_4 * t + LULL_LOG_3;
-    return (float)exponent * LULL_CODES_PER_OCTAVE + t * (p + t * t * q);
+    return e * LULL_CODES_PER_OCTAVE + t * (p + t * t * q);
 }
 
 /* Shares of v, in its place (kernels.h). */
@@ -190,20 +188,18 @@ void lull_residual_scalar(const lull_balance *b, const lull_encoding *from)
     }
 }
 
-/* The weight of pixel j of `other` for pixel i of the row, g being what differences of its channels
+/* The weight of pixel j of `other` for pixel i of `row`, g being what differences of its channels
  * count. Those go to `change`. */
-static float weight_of(const lull_smoothing *s, ptrdiff_t i, const lull_surface *other, ptrdiff_t j,
+static float weight_of(const lull_surface *row, ptrdiff_t i, const lull_surface *other, ptrdiff_t j,
                        const float *g, float *change)
 {
+    int a = other->guide[2 * j] - row->guide[2 * i];
+    int b = other->guide[2 * j + 1] - row->guide[2 * i + 1], apart = a * a + b * b;
     float x[3], t, w;
-    int apart = 0;
-    ptrdiff_t row_plane = (ptrdiff_t)s->row_plane;
-    ptrdiff_t plane = other == &s->row ? row_plane : (ptrdiff_t)s->plane;
     for (ptrdiff_t c = 0; c < 3; c++) {
-        int d = c < 2 ? other->guide[2 * j + c] - s->row.guide[2 * i + c] : 0;
-        change[c] = other->v[c * plane + j] - s->row.v[c * row_plane + i];
+        change[c] = other->v[c * (ptrdiff_t)other->plane + j] -
+                    row->v[c * (ptrdiff_t)row->plane + i];
         x[c] = change[c] * g[c];
-        apart += d * d;
     }
     t = ((x[0] * x[0] + x[1] * x[1]) + x[2] * x[2]) + LULL_GUIDE_SCALE * (float)apart;
     w = 1.0f - t > 0.0f ? 1.0f - t : 0.0f;
@@ -219,20 +215,20 @@ void lull_bilateral_scalar(const lull_smoothing *s)
                                         beside + 1,  row, row, beside + 2, beside + 3};
     for (ptrdiff_t i = 0; i < (ptrdiff_t)s->pixels; i++) {
         const uint8_t *noise = s->noise + i;
-        const float *v = s->row.v + i;
+        const float *v = row->v + i;
         float width = (float)(noise[-1] + noise[0] + noise[1]) * LULL_NOISE_WIDTH;
         float g[3], change[3], sum[3] = {0.0f, 0.0f, 0.0f}, weights = 1.0f;
         width = width < LULL_WIDEST ? width : LULL_WIDEST;
         for (size_t c = 0; c < 3; c++)
-            g[c] = v[c * s->row_plane] + LULL_FILTER_EPSILON;
+            g[c] = v[c * row->plane] + LULL_FILTER_EPSILON;
         shares(g, 0.5f, width > LULL_NARROWEST ? width : LULL_NARROWEST);
         for (unsigned k = 0; k < (s->is_far ? 10u : 6u); k++) {
-            float w = weight_of(s, i, rows[k], i + columns[k], g, change);
+            float w = weight_of(row, i, rows[k], i + columns[k], g, change);
             weights += w;
             for (unsigned c = 0; c < 3; c++)
                 sum[c] += w * change[c];
         }
         for (size_t c = 0; c < 3; c++)
-            s->out[c * s->out_plane + (size_t)i] = v[c * s->row_plane] + sum[c] * (1.0f / weights);
+            s->out[c * s->out_plane + (size_t)i] = v[c * row->plane] + sum[c] * (1.0f / weights);
     }
 }

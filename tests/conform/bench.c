@@ -386,9 +386,8 @@ static void run_noise(const lull_kernels *k)
 
 static void run_bilateral(const lull_kernels *k)
 {
-    lull_surface at = {floats + 129 * PIXELS, bytes + 4 * PIXELS};
-    lull_smoothing s = {
-        floats, bytes + PIXELS, PLANE, PLANE, PLANE, at, {at, at, at, at}, 0, PIXELS};
+    lull_surface at = {floats + 129 * PIXELS, bytes + 4 * PIXELS, PLANE};
+    lull_smoothing s = {floats, bytes + PIXELS, PLANE, at, {at, at, at, at}, 0, PIXELS};
     k->bilateral(&s);
 }
 

@@ -33,9 +33,9 @@ static void noise_cases(void)
 }
 
 /* Row r (0: the row itself) of a surface, with `side` pixels on both sides. `even`: how much values
- * differ. Returns the floats from plane to plane. */
-static size_t make_surface(lull_surface *to, unsigned r, unsigned pixels, unsigned side, float even,
-                           int at_end)
+ * differ. */
+static void make_surface(lull_surface *to, unsigned r, unsigned pixels, unsigned side, float even,
+                         int at_end)
 {
     static const unsigned guide_places[] = {GUARD_ROW + 5, GUARD_BIAS, GUARD_MULTIPLIER,
                                             GUARD_START, GUARD_ROOM};
@@ -46,8 +46,8 @@ static size_t make_surface(lull_surface *to, unsigned r, unsigned pixels, unsign
     for (size_t i = 0; i < 2 * (size_t)n; i++) /* sometimes the largest differences there can be */
         guide[i] = (uint8_t)(guard_below(2 * n) ? 59 + guard_below(1 + (unsigned)(40 * even))
                                                 : 127 * guard_below(2));
+    to->plane = plane;
     to->guide = guide + 2 * side;
-    return plane;
 }
 
 static void bilateral_case(unsigned pixels, float even)
@@ -56,16 +56,15 @@ static void bilateral_case(unsigned pixels, float even)
     size_t plane, bytes;
     float *out = place_planes(3, pixels, &plane, &bytes, at_end);
     uint8_t *noise = guard_place(GUARD_WEIGHTS, pixels + 2, at_end);
-    lull_smoothing s = {out, noise + 1, plane, 0, 0, {0}, {{0}}, 0, pixels};
+    lull_smoothing s = {out, noise + 1, plane, {0}, {{0}}, 0, pixels};
     s.is_far = guard_below(2) != 0;
     for (unsigned i = 0; i < pixels + 2; i++)
         noise[i] = (uint8_t)guard_below(guard_below(2) ? 8 : 256);
-    s.row_plane = make_surface(
-        &s.row, 0, pixels, s.is_far ? LULL_BILATERAL_FAR : LULL_BILATERAL_REACH, even, at_end);
-    for (unsigned r = 0; r < (s.is_far ? 4u : 2u); r++)
-        s.plane = make_surface(&s.beside[r], 1 + r, pixels, 0, even, at_end);
-    if (s.is_far && guard_below(2)) /* as at the upper edge of an image */
-        s.beside[2] = s.beside[0];
+    make_surface(&s.row, 0, pixels, (unsigned)lull_bilateral_columns(s.is_far), even, at_end);
+    for (unsigned r = 0; r < lull_bilateral_rows(s.is_far); r++)
+        make_surface(&s.beside[r], 1 + r, pixels, 0, even, at_end);
+    if (guard_below(2)) /* as at the upper edge of an image */
+        s.beside[0] = s.row;
     now.scalar.bilateral(&s);
     memcpy(expected, out, bytes);
     for (size_t i = 0; i < pixels; i++)

@@ -377,15 +377,16 @@ static void shrink_case(unsigned pixels)
         for (size_t k = 0; k < 4; k++) {
             volatile float confidence = table[codes[27 * i + LULL_HEAD_CONFIDENCE]];
             volatile float weight = rows[0][2 * i], sum = rows[0][k * fine + 2 * i];
+            volatile float share;
             weight = weight + rows[0][2 * i + 1];
             weight = weight + rows[1][2 * i];
             weight = weight + rows[1][2 * i + 1];
             sum = sum + rows[0][k * fine + 2 * i + 1];
             sum = sum + rows[1][k * fine + 2 * i];
             sum = sum + rows[1][k * fine + 2 * i + 1];
-            weight = 1.0f / weight;
-            sum = sum * weight;
-            expect(k * plane + i, weight > 1e30f ? 0.0f : k ? confidence * sum : confidence);
+            share = 1.0f / weight;
+            sum = sum * share;
+            expect(k * plane + i, !(weight > 0.0f) ? 0.0f : k ? confidence * sum : confidence);
         }
     now.port->shrink(out, plane, rows[0], rows[1], fine, codes, 27, table, pixels);
     same_bytes(out, bytes, "shrink", pixels);

@@ -15,8 +15,8 @@ import torch
 from export import export, kernel, quantize_kernel
 from export.tza import Reader, write_weights
 from tests.training.test_train import Stop, compare_processes, losses, same, state
-from training import (color, evaluate, find_lr, infer, kernel_model, nets, preprocess, train,
-                      visualize)
+from training import (color, evaluate, find_lr, infer, kernel_model, kernel_net, nets, preprocess,
+                      train, visualize)
 from training.data import Augment, Batches, from_raw
 from training.imageio import read_image
 from training.integer_stage import (calibration_pictures, kernel_input, quantize,
@@ -206,6 +206,16 @@ def test_integer_net_is_the_integer_model():
                 [t.weight.tolist() for t in model.layers])
 
 
+def clear_of_steps(images: dict[str, np.ndarray]) -> None:
+    """Makes pixels grey whose input codes the reference's logarithm, a polynomial, rounds otherwise
+    than ours."""
+    tensors = [torch.from_numpy(v.transpose(2, 0, 1)[None].copy()) for v in images.values()]
+    ours = kernel_net.make_input(*tensors, False)[0].numpy().transpose(1, 2, 0) * 255
+    off = (np.rint(ours) != kernel.encode(*images.values(), False)).any(-1)
+    assert off.mean() < 0.02
+    images["color"][off], images["albedo"][off] = 0.5, 0.5
+
+
 @pytest.mark.parametrize("height, width", [(37, 45), (16, 33), (5, 3)])
 def test_any_size_equals_the_reference(height, width):
     """Padding to the trunk's multiples weighs nothing, as in the numpy reference."""
@@ -215,6 +225,7 @@ def test_any_size_equals_the_reference(height, width):
     images = {"color": rng.random((height, width, 3), np.float32),
               "albedo": rng.random((height, width, 3), np.float32),
               "normal": rng.random((height, width, 3), np.float32) * 2 - 1}
+    clear_of_steps(images)
     want = kernel.run_frame(model, pixels.Frame(images, "hdr", 1.0))
     features = ["hdr", "alb", "nrm"]
     codes = np.concatenate([images["color"], images["albedo"], images["normal"] / 2 + 0.5], -1)
@@ -222,8 +233,7 @@ def test_any_size_equals_the_reference(height, width):
     net = IntegerKernel(model, "linear").eval()
     with torch.no_grad():
         got = net(torch.from_numpy(x.transpose(2, 0, 1).copy())[None])[0].numpy().transpose(1, 2, 0)
-    # single input codes differ by one: the reference's logarithm is a polynomial
-    assert np.abs(got - want).mean() < 1e-3 and np.median(np.abs(got - want)) < 5e-4
+    assert np.abs(got - want).mean() < 2e-3 and np.median(np.abs(got - want)) < 1e-5
 
 
 def test_tiles_lose_features_and_highlights(raw):
