@@ -5,14 +5,14 @@ one after the other), then the skip's. Inputs are codes; those of wide tensors c
 """
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from export.bounds import Bound, own_groups, pair_groups, word_groups
 from export.fold import phase_kernels
 from export.graph import Layer
-from export.pairs import WEIGHT_MAX, pair_norm, to_pairs
 
 GOLDEN = 0.6180339887498949
 
@@ -23,14 +23,6 @@ class Block:
 
     weight: np.ndarray
     wide: bool
-
-    def norm(self, outputs: int) -> np.ndarray:
-        """[O]: value per integer step that the largest weights need."""
-        if self.wide:
-            norm = np.abs(self.weight).max((1, 2, 3), initial=0) / WEIGHT_MAX
-        else:
-            norm = pair_norm(self.weight)
-        return norm.reshape(-1, outputs).max(0)
 
     def rows(self, outputs: int) -> np.ndarray:
         """[O, phases*C*k*k]"""
@@ -43,18 +35,11 @@ class Block:
         w = rows.reshape(len(rows), phases, -1).transpose(1, 0, 2)
         return np.ascontiguousarray(w.reshape(self.weight.shape).astype(np.int8))
 
-    def partners(self, outputs: int) -> np.ndarray:
-        """Index of each weight's other half within the row; its own index if it has none."""
-        _, *shape = self.weight.shape
-        size = int(np.prod(shape))
-        partner = np.arange(size)
-        if not self.wide:
-            index = np.arange(1, size + 1, dtype=np.float64).reshape(1, *shape)
-            pairs = to_pairs(index).reshape(-1, 2).astype(np.int64) - 1
-            pairs = pairs[(pairs >= 0).all(1)]
-            partner[pairs[:, 0]], partner[pairs[:, 1]] = pairs[:, 1], pairs[:, 0]
+    def groups(self, outputs: int, of_kernel: Callable[[tuple], np.ndarray]) -> np.ndarray:
+        """int [phases*C*k*k]: groups of a row's weights."""
+        one = (own_groups if self.wide else of_kernel)(self.weight.shape[1:])
         phases = len(self.weight) // outputs
-        return np.concatenate([partner + p * size for p in range(phases)])
+        return (one + np.arange(phases)[:, None] * (one.max() + 1)).reshape(-1)
 
 
 @dataclass(frozen=True)
@@ -75,11 +60,6 @@ class Fit:
             np.full(b.weight.size // self.outputs, 2.0**-shift if b.wide else 1.0)
             for b in self.blocks])
 
-    def norms(self, shift: int) -> np.ndarray:
-        """[O]: value of an accumulator unit that the largest weights need."""
-        return np.max([b.norm(self.outputs) * (2.0**shift if b.wide else 1.0)
-                       for b in self.blocks], 0)
-
     def rows(self) -> np.ndarray:
         return np.concatenate([b.rows(self.outputs) for b in self.blocks], 1)
 
@@ -87,12 +67,20 @@ class Fit:
         ends = np.cumsum([b.weight.size // self.outputs for b in self.blocks])[:-1]
         return [b.unrows(r) for b, r in zip(self.blocks, np.split(rows, ends, 1), strict=True)]
 
-    def partners(self) -> np.ndarray:
-        parts, start = [], 0
+    def _bound(self, of_kernel: Callable[[tuple], np.ndarray]) -> Bound:
+        parts, first = [], 0
         for b in self.blocks:
-            parts.append(b.partners(self.outputs) + start)
-            start += len(parts[-1])
-        return np.concatenate(parts)
+            parts.append(b.groups(self.outputs, of_kernel) + first)
+            first = parts[-1].max() + 1
+        return Bound(np.concatenate(parts))
+
+    def pairs(self) -> Bound:
+        """What every integer layer must keep."""
+        return self._bound(pair_groups)
+
+    def words(self) -> Bound | None:
+        """What lets sums over a run stay in 16 bits; None where a source is wide."""
+        return None if any(b.wide for b in self.blocks) else self._bound(word_groups)
 
 
 def make_fit(layer: Layer, weight: np.ndarray, steps: Mapping[str, np.ndarray],

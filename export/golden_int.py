@@ -21,8 +21,8 @@ from pathlib import Path
 
 import numpy as np
 
+from export.bounds import Bound, own_groups, pair_groups
 from export.graph import Layer, Net, read_nets
-from export.pairs import safe
 from export.quantize import integer_tensors, write_integer
 from export.reference import MIDDLE_MAX, NARROW_MAX, WIDE_MAX, IntLayer, IntModel, load_model
 
@@ -78,7 +78,7 @@ def random_weights(rng: np.random.Generator, shape: tuple[int, ...], narrow: boo
         w = rng.choice((-127, -64, 64, 127), shape)
     else:
         w = np.clip(np.rint(rng.normal(4, 40, shape)), -127, 127)
-    return safe(w) if narrow else w.astype(np.int8)
+    return Bound((pair_groups if narrow else own_groups)(shape[1:])).kernels(w)
 
 
 def random_layer(rng: np.random.Generator, case: Case, net: Net, layer: Layer,

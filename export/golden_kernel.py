@@ -9,21 +9,27 @@ with them to the bit.
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
 from export import kernel, pixels
-from export.pairs import safe
+from export.bounds import Bound, pair_groups, word_groups
 from export.quantize_kernel import tensors_of
 from export.reference import NARROW_MAX, IntLayer
 from export.tza import Writer
 
 WIDTHS = (5, 4, 6, 4, 8, 7, 8, 8, 9, 8, 8, 6, 6, 4)  # those that heads read are even
+WORDS = ("0a", "1b", "2a", "4b", "dec2", "dec0", "head1")  # layers whose sums fit words
 HEIGHT, WIDTH = 37, 45
 CASES = ((7, "hdr"), (7, "ldr"), (7, "srgb"), (1, "hdr"), (3, "hdr"), (5, "lightmap-hdr"),
          (1, "lightmap-dir"), (2, "ldr"), (4, "ldr"))
 FEATURE_BITS = {"color": 1, "albedo": 2, "normal": 4}
+
+
+def weights(rng: np.random.Generator, groups: Callable, shape: tuple[int, ...]) -> np.ndarray:
+    return Bound(groups(shape[1:])).kernels(rng.integers(-60, 70, shape))
 
 
 def random_model(seed: int) -> kernel.IntTrunk:
@@ -35,8 +41,10 @@ def random_model(seed: int) -> kernel.IntTrunk:
     for layer, o in zip(trunk.layers, widths, strict=True):
         c, head = channels[layer.source], layer.name in trunk.heads
         shape = (4 * o, c, 2, 2) if layer.up else (o, c, 1, 1) if head else (o, c, 3, 3)
-        weight = safe(rng.integers(-60, 70, shape))
-        skip = safe(rng.integers(-60, 70, (o, channels[layer.skip], 3, 3))) if layer.skip else None
+        groups = word_groups if layer.name.endswith(WORDS) else pair_groups
+        weight, skip = weights(rng, groups, shape), None
+        if layer.skip:
+            skip = weights(rng, groups, (o, channels[layer.skip], 3, 3))
         taps = shape[1] * shape[2] * shape[3] + (skip.shape[1] * 9 if layer.skip else 0)
         scale = np.full(o, 1 / (40 * np.sqrt(taps)), np.float32)
         bias = rng.integers(0, int(128 / scale[0]), o).astype(np.int32)

@@ -1,24 +1,31 @@
 """Quantises a K model: `python -m export.quantize_kernel IN.tza OUT.tza --data DIR`.
 
-IN is the fp16 export of a trained model, or its state dict (.pt), DIR a data set in the layout of
-training (docs/training.md); some of its noisy images, with all features or fewer, fix the ranges of
-the activations.
+IN is the fp16 export of a trained model, its state dict (.pt), or an integer model to round anew.
+DIR is a data set in the layout of training (docs/training.md); some of its noisy images, with all
+features or fewer, fix the ranges of the activations.
 """
 from __future__ import annotations
 
 import argparse
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from export import kernel, pixels
+from export.dequantize import float_tensors
 from export.quantize import write_tensors
 from export.quantizer import SCALE_MAX, Options, Quantizer
 from export.reference import NARROW_MAX
 from export.tza import Reader
 from training.errors import ToolError
+
+
+# Most layers lose far less in words (docs/quantisation.md). Some of the coarsest levels, where a
+# hundredth of the work is, would lose more and keep pairs.
+OPTIONS = Options(words=200.0)
 
 
 class KernelQuantizer(Quantizer):
@@ -109,9 +116,13 @@ def calibration_set(folder: Path, count: int) -> list[np.ndarray]:
 
 
 def read_tensors(path: Path) -> dict[str, np.ndarray]:
-    """Weights by name from a .tza, or from a .pt that holds a state dict."""
+    """Float weights by name from a .tza, or from a .pt that holds a state dict."""
     if path.suffix != ".pt":
-        return dict(Reader(path))
+        tensors = dict(Reader(path))
+        if not any(name.endswith(".scale") and name != kernel.BILATERAL for name in tensors):
+            return tensors
+        same = {k: v for k, v in tensors.items() if k == kernel.BILATERAL}
+        return float_tensors(tensors, str(path)) | same
     import torch
     try:
         state = torch.load(path, weights_only=True)
@@ -128,11 +139,16 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("output", type=Path)
     parser.add_argument("--data", type=Path, required=True, help="calibration images")
     parser.add_argument("--count", type=int, default=12, help="how many of its groups (12)")
+    parser.add_argument("--words", type=float, default=OPTIONS.words, metavar="E", help="squared "
+                        "error of codes, in that of their own rounding, that a layer may have more "
+                        "for sums in words (%(default)g; 0: no such sums)")
     args = parser.parse_args(argv)
     try:
         tensors = read_tensors(args.input)
         model = kernel.FloatTrunk(kernel.find_trunk(tensors, str(args.input)), tensors)
-        made = KernelQuantizer(model, calibration_set(args.data, args.count), Options()).run()
+        inputs = calibration_set(args.data, args.count)
+        made = KernelQuantizer(model, inputs, replace(OPTIONS, words=args.words)).run()
+        made.bilateral = kernel.bilateral_of(tensors, str(args.input))
         write_tensors(args.output, tensors_of(made))
     except (ValueError, OSError, ToolError) as e:
         print(f"quantize_kernel: {e}", file=sys.stderr)

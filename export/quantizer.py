@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from export.bounds import Bound
 from export.convolve import pooled, taps_3x3
 from export.fit import Fit, evenly, make_fit, second_moments
 from export.graph import Layer, Net
@@ -19,7 +20,7 @@ from export.reference import (
     IntLayer,
     IntModel,
 )
-from export.rounding import Problem, nearest, rounded
+from export.rounding import Problem, rounded
 
 SCALE_MAX = 0.499   # of requantisation; the format's bound is 0.5
 QUIET = 1 / 64      # channels are scaled as if they reached this share of the tensor's range
@@ -39,6 +40,7 @@ class Options:
     wide_headroom: float = 2.0  # and on the range of the last layer's source, where bits abound
     wide: tuple[str, ...] | None = None  # layers with 13-bit outputs; None: second_last(net)
     equalize: float = 0.5      # 0: one range per tensor ... 1: every channel has its own
+    words: float = 0.0         # squared error, in code steps^2 / 12, that sums in words may cost
     refine: bool = True        # round weights by their effect (rounding.py) instead of to nearest
     correct_bias: bool = True  # take each layer's error out of its biases
     samples: int = 32768       # pixels per layer for the statistics of its inputs and errors
@@ -127,15 +129,15 @@ class Quantizer:
             return own * o.wide_headroom / self.tops[name]
         return own * o.headroom / NARROW_MAX
 
-    def _unit(self, fit: Fit, shift: int, bias: np.ndarray) -> np.ndarray:
+    def _unit(self, fit: Fit, shift: int, bias: np.ndarray, bound: Bound) -> np.ndarray:
         """[O]: value of one accumulator unit, at least what weights, sums and bias need."""
         room = INT32 // 4
         sums = np.zeros(fit.outputs)
         for b in fit.blocks:
             w = np.abs(b.weight).sum((1, 2, 3)).reshape(-1, fit.outputs).max(0)
             sums += w * WIDE_MAX * 2.0**shift if b.wide else w * NARROW_MAX
-        return np.maximum.reduce([fit.norms(shift), sums / room, np.abs(bias) / room,
-                                  np.full(fit.outputs, 1e-30)])
+        return np.maximum.reduce([bound.norm(fit.rows() / fit.counts(shift)), sums / room,
+                                  np.abs(bias) / room, np.full(fit.outputs, 1e-30)])
 
     def _shift(self, fit: Fit, moments: np.ndarray, bias: np.ndarray) -> int:
         """The shift of a mixed layer for which rounding its weights costs least."""
@@ -143,7 +145,8 @@ class Quantizer:
             return 0
         def cost(shift: int) -> float:
             steps = np.diag(moments) * fit.counts(shift) ** 2
-            return float((self._unit(fit, shift, bias) ** 2).sum() * steps.sum())
+            unit = self._unit(fit, shift, bias, fit.pairs())
+            return float((unit ** 2).sum() * steps.sum())
         return min(range(SHIFT_MAX + 1), key=cost)
 
     def _layer(self, layer: Layer) -> IntLayer:
@@ -152,12 +155,7 @@ class Quantizer:
         fit = make_fit(layer, weight, self.steps, tuple(self.tops))
         moments = second_moments(fit, self.codes, self.options.samples)
         shift = self._shift(fit, moments, bias)
-        counts, unit = fit.counts(shift), self._unit(fit, shift, bias)
-        wish = fit.rows() / unit[:, None] / counts
-        if self.options.refine:
-            rows, _ = rounded(wish, Problem(moments * counts[:, None] * counts, fit.partners()))
-        else:
-            rows = nearest(wish, fit.partners())
+        rows, unit = self._rounded(fit, moments, shift, bias)
         self._fit_output(layer, unit)
         weights = fit.unrows(rows)
         scale = (unit / self.steps[layer.name]).astype(np.float32)
@@ -171,6 +169,35 @@ class Quantizer:
         if self.options.correct_bias:
             return made(bias + self._bias_error(layer, made(bias), unit))
         return made(bias)
+
+    def _rounded(self, fit: Fit, moments: np.ndarray, shift: int,
+                 bias: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Integer weights [O,K], and the value [O] of an accumulator unit."""
+        o = self.options
+        rows, unit, error = self._within(fit.pairs(), fit, moments, shift, bias)
+        words = fit.words() if o.words and o.refine else None
+        if words is not None:
+            other, other_unit, other_error = self._within(words, fit, moments, shift, bias)
+            fits = (other_unit <= SCALE_MAX * self.steps[fit.layer.name]).all()
+            self.log(f"sums in words: {other_error:.1f}, in dwords: {error:.1f}")
+            if fits and other_error <= error + o.words:
+                return other, other_unit
+        return rows, unit
+
+    def _within(self, bound: Bound, fit: Fit, moments: np.ndarray, shift: int,
+                bias: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+        """Weights and units within a bound, and the mean squared error in steps^2 / 12."""
+        counts, exact = fit.counts(shift), fit.rows()
+        unit, rows = self._unit(fit, shift, bias, bound), np.zeros_like(exact)
+        live = exact.any(0).nonzero()[0]  # a head's kernel has one tap: the others stay 0
+        bound, wish = bound.of(live), (exact / unit[:, None] / counts)[:, live]
+        if not live.size or not self.options.refine:
+            rows[:, live] = bound.nearest(wish) if live.size else 0
+            return rows, unit, 0.0
+        hessian = (moments * counts[:, None] * counts)[np.ix_(live, live)]
+        rows[:, live], errors = rounded(wish, Problem(hessian, bound))
+        scale = unit / self.steps[fit.layer.name]
+        return rows, unit, 12 * float((errors * scale * scale).mean())
 
     def _fit_output(self, layer: Layer, unit: np.ndarray) -> None:
         """Coarser output codes where an accumulator unit would be half a code or more."""

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from export.pairs import PAIR_MAX, WEIGHT_MAX
+from export.bounds import Bound
 
 STEPS_PER_WEIGHT = 3  # bound on refinement steps
 DAMPING = 0.01        # share of the mean of the diagonal of H added to it: pixels are few
@@ -22,42 +22,25 @@ class Problem:
     """Rounding problem of a layer: all its K weights per output channel in one row."""
 
     hessian: np.ndarray  # [K,K]
-    partner: np.ndarray  # int [K]: index of the pair's other half; a weight's own if it has none
+    bound: Bound
 
     def damped(self) -> np.ndarray:
         mean = max(float(np.trace(self.hessian)) / len(self.hessian), 1e-12)
         return self.hessian + np.eye(len(self.hessian)) * (DAMPING * mean)
 
 
-def _limits(q: np.ndarray, partner: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Smallest and largest value [O,K] each weight may take, given its pair's other half."""
-    other = np.where(partner == np.arange(len(partner)), 0, q[:, partner])
-    low = -np.minimum(WEIGHT_MAX, PAIR_MAX + np.minimum(other, 0))
-    return low, np.minimum(WEIGHT_MAX, PAIR_MAX - np.maximum(other, 0))
-
-
-def nearest(wish: np.ndarray, partner: np.ndarray) -> np.ndarray:
-    """[O,K] nearest integers that are pair-safe (second halves of pairs give way)."""
-    q = np.clip(np.rint(wish), -WEIGHT_MAX, WEIGHT_MAX)
-    low, high = _limits(q, partner)
-    second = partner < np.arange(len(partner))
-    return np.where(second, np.clip(q, low, high), q)
-
-
 def passed_on(wish: np.ndarray, problem: Problem) -> np.ndarray:
-    """[O,K] integers, pair-safe, rounded one column after the other, heaviest inputs first."""
+    """[O,K] integers within the bound, rounded column after column, heaviest inputs first."""
     hessian = problem.damped()
     order = np.argsort(-np.diag(hessian), kind="stable")
     inverse = np.linalg.inv(hessian[np.ix_(order, order)])
     factor = np.linalg.cholesky((inverse + inverse.T) / 2).T  # upper: inverse = factor' factor
-    w, q = wish[:, order].copy(), np.zeros_like(wish)
+    q = wish.copy()
     for i, k in enumerate(order):
-        other = q[:, problem.partner[k]] if problem.partner[k] != k else np.zeros(len(q))
-        q[:, k] = np.clip(np.rint(w[:, i]),
-                          -np.minimum(WEIGHT_MAX, PAIR_MAX + np.minimum(other, 0)),
-                          np.minimum(WEIGHT_MAX, PAIR_MAX - np.maximum(other, 0)))
-        error = (w[:, i] - q[:, k]) / factor[i, i]
-        w[:, i + 1:] -= error[:, None] * factor[i, i + 1:]
+        low, high = problem.bound.limits_of(k, q)
+        wanted, q[:, k] = q[:, k].copy(), np.clip(np.rint(q[:, k]), low, high)
+        error = (wanted - q[:, k]) / factor[i, i]
+        q[:, order[i + 1:]] -= error[:, None] * factor[i, i + 1:]
     return q
 
 
@@ -67,7 +50,7 @@ def refined(q: np.ndarray, wish: np.ndarray, problem: Problem) -> tuple[np.ndarr
     diagonal, rows = np.diag(hessian), np.arange(len(q))
     gradient = (q - wish) @ hessian
     for _ in range(STEPS_PER_WEIGHT * len(hessian)):
-        low, high = _limits(q, problem.partner)
+        low, high = problem.bound.limits(q)
         gain = 2 * np.abs(gradient) - diagonal  # of the step against the gradient
         step = -np.sign(gradient)
         allowed = (q + step >= low) & (q + step <= high)
@@ -84,8 +67,8 @@ def refined(q: np.ndarray, wish: np.ndarray, problem: Problem) -> tuple[np.ndarr
 
 
 def rounded(wish: np.ndarray, problem: Problem) -> tuple[np.ndarray, np.ndarray]:
-    """Pair-safe integers [O,K] near `wish` (float64 [O,K], within the limits), and errors [O]."""
-    best, error = refined(nearest(wish, problem.partner), wish, problem)
+    """Integers [O,K] near `wish` (float64 [O,K]) within the bound, and errors [O]."""
+    best, error = refined(problem.bound.nearest(wish), wish, problem)
     other, other_error = refined(passed_on(wish, problem), wish, problem)
     take = other_error < error
     return np.where(take[:, None], other, best), np.where(take, other_error, error)

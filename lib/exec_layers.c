@@ -103,6 +103,7 @@ static void conv_row(const lull_plan *plan, unsigned l, uint8_t *out, const int3
     conv.wide_shift = packed->wide_shift;
     conv.out_max = (int32_t)lull_graph_max(&plan->model->graph, l + 1);
     conv.is_small = packed->is_small;
+    conv.fits_words = packed->fits_words;
     conv.least = 0.0f;
     conv.outputs = (unsigned)layer->outputs << packed->has_pairs;
     conv.out_step = (size_t)stride * layer->outputs;

@@ -59,6 +59,11 @@ typedef struct lull_conv {
     int32_t out_max;
     int is_small; /* integer only: no |a| is above 2^24, and no multiplier has more than 24
                    * significant bits (ports may take it or leave it) */
+    int fits_words; /* conv_int only: is_small, no segment is wide, and in each segment, of each
+                     * output, the positive weights in the low words of dwords (elements 0 and 1 of
+                     * 4) sum to at most 128, the negative ones to at least -128, those in the high
+                     * words alike: a run's sums of either, in any order, fit int16 (ports may take
+                     * it or leave it) */
     float least;  /* fp32 only: 0, or -LULL_FLT_MAX for the sums as they are */
     unsigned outputs, pixels, segments;
     lull_segment segment[LULL_MAX_SEGMENTS];

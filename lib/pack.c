@@ -156,9 +156,11 @@ static unsigned is_split(const block *b, const lull_kernels *kernels)
 /* ---- Checks of integer models (docs/arithmetic.md)
  * -------------------------------------------------- */
 
-/* Sum of |taps| of output o over one block; -1 if the taps break a rule. */
-static int64_t tap_sum(const block *b, unsigned o)
+/* Sum of |taps| of output o over one block, a run; -1 if the taps break a rule. Clears *fits_words
+ * if they break that of words. */
+static int64_t tap_sum(const block *b, unsigned o, int *fits_words)
 {
+    int words[2][2] = {{0, 0}, {0, 0}};
     unsigned elements = b->columns * b->inputs;
     int64_t sum = 0;
     int positive = 0, negative = 0;
@@ -171,15 +173,19 @@ static int64_t tap_sum(const block *b, unsigned o)
         *(w > 0 ? &positive : &negative) += w;
         if (b->dtype == LULL_DTYPE_U8 && (positive > 128 || negative < -128))
             return -1;
+        words[k >> 1 & 1][w < 0] += w;
         sum += w < 0 ? -w : w;
     }
+    for (unsigned i = 0; i < 2; i++)
+        if (words[i][0] > 128 || words[i][1] < -128)
+            *fits_words = 0;
     return sum;
 }
 
 /* The largest sum that output o in phase `phase` can have; -1 if it can leave int32, or if the taps
  * break a rule. */
 static int64_t largest_sum(const lull_graph *graph, unsigned l, const lull_layer_tensors *tensors,
-                           unsigned o, unsigned phase, unsigned shift)
+                           unsigned o, unsigned phase, unsigned shift, int *fits_words)
 {
     const lull_layer *layer = &graph->layer[l];
     int64_t wide = 0, narrow = 0, bias = (int64_t)lull_tza_int(&tensors->bias, layer->first + o);
@@ -189,7 +195,7 @@ static int64_t largest_sum(const lull_graph *graph, unsigned l, const lull_layer
         if (!describe(&b, graph, l, i, tensors) ||
             (lull_layer_is_up(layer) && i < LULL_PACK_SKIP && i >> 1 != phase))
             continue;
-        sum = tap_sum(&b, o);
+        sum = tap_sum(&b, o, fits_words);
         if (sum < 0)
             return -1;
         *(b.dtype == LULL_DTYPE_U15 ? &wide : &narrow) += sum;
@@ -199,9 +205,20 @@ static int64_t largest_sum(const lull_graph *graph, unsigned l, const lull_layer
     return wide <= INT32_MAX && narrow <= INT32_MAX ? narrow : -1;
 }
 
+/* 1 if layer l is one for conv_int whose runs are all of narrow elements. */
+static int has_words(const lull_graph *graph, const lull_kernels *kernels, unsigned l)
+{
+    const lull_layer *layer = &graph->layer[l];
+    for (unsigned s = 0; s < 2; s++)
+        if (lull_layer_inputs(graph, layer, s) &&
+            lull_graph_dtype(graph, layer->source[s]) != LULL_DTYPE_U8)
+            return 0;
+    return !lull_pack_is_int3(graph, kernels, l);
+}
+
 /* Checks one layer of an integer model. Multipliers come from floats: they have 24 bits. */
-static lull_status check_integer(lull_packed_layer *packed, const lull_graph *graph, unsigned l,
-                                 const lull_tza *tza)
+static lull_status check_integer(lull_packed_layer *packed, const lull_graph *graph,
+                                 const lull_kernels *kernels, unsigned l, const lull_tza *tza)
 {
     const lull_layer *layer = &graph->layer[l];
     int64_t most = 0;
@@ -213,18 +230,21 @@ static lull_status check_integer(lull_packed_layer *packed, const lull_graph *gr
     shift = tensors.shift.rank ? lull_tza_int(&tensors.shift, 0) : 0;
     if (shift < 0 || shift > 15 || (layer->pool && lull_graph_dtype(graph, l + 1) != LULL_DTYPE_U8))
         return LULL_ERROR_NETWORK;
+    packed->fits_words = has_words(graph, kernels, l);
     for (unsigned o = 0; o < layer->outputs; o++) {
         float scale = lull_tza_float(&tensors.scale, layer->first + o);
         if (!(scale >= 0.0f && scale < 0.5f))
             return LULL_ERROR_NETWORK;
         for (unsigned phase = 0; phase < (lull_layer_is_up(layer) ? 4u : 1u); phase++) {
-            int64_t sum = largest_sum(graph, l, &tensors, o, phase, (unsigned)shift);
+            int64_t sum = largest_sum(graph, l, &tensors, o, phase, (unsigned)shift,
+                                      &packed->fits_words);
             if (sum < 0)
                 return LULL_ERROR_NETWORK;
             most = sum > most ? sum : most;
         }
     }
     packed->is_small = most <= 1 << 24;
+    packed->fits_words &= packed->is_small;
     return LULL_OK;
 }
 
@@ -500,7 +520,7 @@ lull_status lull_model_init(lull_model **model, void *memory, size_t memory_byte
     for (unsigned l = 0; status == LULL_OK && l < made->graph.layers; l++) {
         total = layout(&made->layer[l], &made->graph, &made->kernels, l, total);
         if (made->graph.is_integer)
-            status = check_integer(&made->layer[l], &made->graph, l, &tza);
+            status = check_integer(&made->layer[l], &made->graph, &made->kernels, l, &tza);
         if (status == LULL_OK)
             pack_layer(made, l, &tza);
     }

@@ -17,7 +17,13 @@ from export import kernel, synthetic
 from export.calibrate import SYNTHETIC, SYNTHETIC_SIZE
 from export.prune import active_channels, without_silent
 from export.quantize import integer_tensors
-from export.quantize_kernel import KernelQuantizer, calibration_input, tensors_of, varied
+from export.quantize_kernel import (
+    OPTIONS,
+    KernelQuantizer,
+    calibration_input,
+    tensors_of,
+    varied,
+)
 from export.quantizer import Options, Quantizer, transfer_top
 from export.reference import float_model
 from training import color
@@ -56,7 +62,7 @@ def quantize(tensors: dict[str, torch.Tensor], settings: Settings, pictures: lis
             arrays = without_silent(net, arrays, active, net.heads)
         inputs = [kernel_input(x, settings, i)
                   for i, x in enumerate(spread_codes(pictures, CALIBRATION))]
-        return KernelQuantizer(kernel.FloatTrunk(net, arrays), inputs, Options()).run()
+        return KernelQuantizer(kernel.FloatTrunk(net, arrays), inputs, OPTIONS).run()
     if prune:
         raise ToolError("--prune is for family K", USAGE)
     codes = spread_codes(pictures, CALIBRATION)

@@ -28,8 +28,8 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
+from export.bounds import Bound, own_groups, pair_groups, word_groups
 from export.calibrate import add_kind
-from export.pairs import WEIGHT_MAX, safe
 from export.quantize import integer_tensors, load_float, write_integer
 from export.quantizer import Options, Quantizer, transfer_top
 from export.reference import NARROW_MAX, WIDE_MAX, IntLayer, IntModel, check_layer
@@ -52,12 +52,22 @@ def through(exact: Tensor, smooth: Tensor) -> Tensor:
     return smooth + (exact - smooth).detach()
 
 
-def rounded_weights(weight: Tensor, narrow: bool) -> Tensor:
-    """Integers near `weight` [O,C,k,k] within the bounds, pair-safe on narrow inputs."""
-    wish = weight.detach().cpu().double().numpy()
-    whole = np.clip(np.rint(wish), -WEIGHT_MAX, WEIGHT_MAX)
-    whole = safe(whole, wish) if narrow else whole
-    return through(torch.from_numpy(whole.astype(np.float64)).to(weight), weight)
+def bounds_of(source: IntLayer) -> list[Bound]:
+    """The bounds on rows of `weight` and `skip`: words where the layer keeps them, else pairs."""
+    parts = [(w, top) for w, top in ((source.weight, source.source_max),
+                                     (source.skip, source.skip_max)) if w is not None]
+    words = [Bound(word_groups(w.shape[1:])) for w, _ in parts]
+    if all(top == NARROW_MAX and bound.holds(w.reshape(len(w), -1))
+           for bound, (w, top) in zip(words, parts, strict=True)):
+        return words
+    return [Bound((pair_groups if top == NARROW_MAX else own_groups)(w.shape[1:]))
+            for w, top in parts]
+
+
+def rounded_weights(weight: Tensor, bound: Bound) -> Tensor:
+    """Integers near `weight` [O,C,k,k] within the bound on its rows."""
+    whole = bound.kernels(weight.detach().cpu().double().numpy())
+    return through(torch.from_numpy(whole).to(weight), weight)
 
 
 class IntegerLayer(nn.Module):
@@ -65,7 +75,7 @@ class IntegerLayer(nn.Module):
 
     def __init__(self, source: IntLayer):
         super().__init__()
-        self.source, self.layer = source, source.layer
+        self.source, self.layer, self.bounds = source, source.layer, bounds_of(source)
         self.weight = nn.Parameter(torch.from_numpy(source.weight.astype(np.float64)))
         self.skip = None
         if source.skip is not None:
@@ -91,10 +101,9 @@ class IntegerLayer(nn.Module):
         s = self.source
         total = through(self.bias.round(), self.bias).view(1, -1, 1, 1)
         wide = 0.0
-        for codes, weight, top in ((x, self.weight, s.source_max), (skip, self.skip, s.skip_max)):
-            if weight is None:
-                continue
-            y = self._sums(codes, rounded_weights(weight, top == NARROW_MAX))
+        for codes, weight, top, bound in zip((x, skip), (self.weight, self.skip),
+                                             (s.source_max, s.skip_max), self.bounds):
+            y = self._sums(codes, rounded_weights(weight, bound))
             if top == NARROW_MAX:
                 total = total + y
             else:
@@ -119,13 +128,10 @@ class IntegerLayer(nn.Module):
     @torch.no_grad()
     def rounded(self) -> IntLayer:
         """What the layer is at present, as an integer layer; its sums are kept within bounds."""
-        def whole(w: Tensor | None, top: int) -> np.ndarray | None:
-            return None if w is None else \
-                rounded_weights(w, top == NARROW_MAX).cpu().numpy().astype(np.int8)
-
-        s = self.source
-        return dataclasses.replace(s, weight=whole(self.weight, s.source_max),
-                                   skip=whole(self.skip, s.skip_max),
+        parts = [rounded_weights(w, bound).cpu().numpy().astype(np.int8)
+                 for w, bound in zip((self.weight, self.skip), self.bounds)]
+        return dataclasses.replace(self.source, weight=parts[0],
+                                   skip=parts[1] if len(parts) > 1 else None,
                                    bias=self.bias.round().cpu().numpy().astype(np.int32))
 
 
@@ -144,8 +150,9 @@ class IntegerHead(IntegerLayer):
         return Clamp.apply(codes, 0.0, float(self.source.out_max))
 
     def _rounded(self) -> Tensor:
-        """The bounds of pairs are those of the 3x3 kernel."""
-        return rounded_weights(F.pad(self.weight, (1, 1, 1, 1)), True)[:, :, 1:2, 1:2]
+        """The bounds are those of the 3x3 kernel."""
+        weight = F.pad(self.weight, (1, 1, 1, 1))
+        return rounded_weights(weight, self.bounds[0])[:, :, 1:2, 1:2]
 
     @torch.no_grad()
     def rounded(self) -> IntLayer:

@@ -1,6 +1,6 @@
 /* Integer convolution with vectors of 8 outputs, for AVX2 and its extensions. The including
- * file defines DOT_NARROW and DOT_WIDE (see conv_int_tile.h), TILE_2 and TILE_1 (pixels of the
- * tiles of two vectors and of one) and CONV (the function's name). */
+ * file defines DOT_NARROW, DOT_WIDE and, where that pays, DOT_WORDS (see conv_int_tile.h), TILE_2
+ * and TILE_1 (pixels of the tiles of two vectors and of one) and CONV (the function's name). */
 #include "intrinsics.h"
 #include "kernels.h"
 #include "requantise_256.h"
@@ -130,6 +130,7 @@ LULL_INLINE void finish_1(const finish *f, int how, unsigned i, unsigned j, vec 
     }
 }
 
+#define IS_WORDS 0
 #define IS_SMALL 0
 #define TEMPLATE "conv_int_tile.h"
 #define SHAPES shapes
@@ -143,11 +144,30 @@ LULL_INLINE void finish_1(const finish *f, int how, unsigned i, unsigned j, vec 
 #define SHAPE(vectors) small_##vectors
 #include "shapes_256.h"
 
+#if defined(DOT_WORDS)
+LULL_INLINE vec widened(vec a) { return _mm256_madd_epi16(a, _mm256_set1_epi16(1)); }
+
+/* Within a run no register is needed for ones, and none for sums of those before: tiles are larger.
+ */
+#undef TILE_2
+#undef TILE_1
+#define TILE_2 6
+#define TILE_1 12
+#undef IS_WORDS
+#define IS_WORDS 1
+#define TEMPLATE "conv_int_tile.h"
+#define SHAPES word_shapes
+#define SHAPE(vectors) words_##vectors
+#include "shapes_256.h"
+#else
+#define word_shapes small_shapes
+#endif
+
 void CONV(const lull_conv *conv)
 {
     if (conv->is_small) {
         unsigned before = round_down();
-        run_tiles(conv, small_shapes, LANES, 1);
+        run_tiles(conv, conv->fits_words ? word_shapes : small_shapes, LANES, 1);
         round_as(before);
         return;
     }

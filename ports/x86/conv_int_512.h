@@ -1,9 +1,10 @@
 /* Integer convolution with vectors of 16 outputs, for AVX-512 and its extensions. The including
- * file defines DOT_NARROW and DOT_WIDE (see conv_int_tile.h), CONV (the function's name), and
- * SHARE_COLUMNS where tiles that read columns once fit the registers. */
+ * file defines DOT_NARROW and DOT_WIDE (see conv_int_tile.h), CONV (the function's name), DOT_WORDS
+ * where that pays, and SHARE_COLUMNS where tiles that read columns once fit the registers. */
 #include "finish_512.h"
 
 #define FINISH_FOUR
+#define IS_WORDS 0
 #define IS_SMALL 0
 #define TEMPLATE "conv_int_tile.h"
 #define SHAPES shapes
@@ -16,6 +17,22 @@
 #define SHAPES small_shapes
 #define SHAPE(vectors) small_##vectors
 #include "shapes_512.h"
+
+#if defined(DOT_WORDS)
+LULL_INLINE vec widened(vec a) { return _mm512_madd_epi16(a, _mm512_set1_epi16(1)); }
+
+/* There are two registers for each sum. */
+#undef IS_WORDS
+#define IS_WORDS 1
+#define TILE_2 6
+#define TILE_1 12
+#define TEMPLATE "conv_int_tile.h"
+#define SHAPES word_shapes
+#define SHAPE(vectors) words_##vectors
+#include "shapes_256.h"
+#else
+#define word_shapes small_shapes
+#endif
 
 #if defined(SHARE_COLUMNS)
 #define TILE slide_2
@@ -50,5 +67,9 @@ void CONV(const lull_conv *conv)
         return;
     }
 #endif
-    run_tiles(conv, conv->is_small ? small_shapes : shapes, LANES, 1);
+    run_tiles(conv,
+              conv->fits_words ? word_shapes
+              : conv->is_small ? small_shapes
+                               : shapes,
+              LANES, 1);
 }

@@ -15,6 +15,9 @@
  *                                        the sums of i, then those of j; i = j: one pixel.
  *                                        how: BYTES and SMALL of tiles.h
  *   IS_SMALL                             1: the tile is for small sums (lull_conv)
+ *   IS_WORDS                             1: for sums of runs that fit words, and
+ *   DOT_WORDS(sum, x, w)                 sum += 2 products of u8 x and s8 w in every 16 bits
+ *   widened(sum)                         the sums of the two words of every lane
  *   FINISH_FOUR, finish_four(&f, how, i, ...)
  *                                        optional: four pixels of one vector
  *   finish_end(&f, row, p, PIXELS)       after the tile
@@ -35,6 +38,19 @@
     B(DOT_NARROW(b##i, value, v1);)   \
     C(DOT_NARROW(c##i, value, v2);)   \
     D(DOT_NARROW(d##i, value, v3);)
+#define RUN(i, base, offset)                            \
+    vec run_a##i = zero() B(, run_b##i = zero()) C(, run_c##i = zero()) D(, run_d##i = zero());
+#define WORDS(i, base, offset)            \
+    value = splat((base) + (offset));     \
+    DOT_WORDS(run_a##i, value, v0);       \
+    B(DOT_WORDS(run_b##i, value, v1);)    \
+    C(DOT_WORDS(run_c##i, value, v2);)    \
+    D(DOT_WORDS(run_d##i, value, v3);)
+#define WIDEN(i, base, offset)                 \
+    a##i = add(a##i, widened(run_a##i));       \
+    B(b##i = add(b##i, widened(run_b##i));)    \
+    C(c##i = add(c##i, widened(run_c##i));)    \
+    D(d##i = add(d##i, widened(run_d##i));)
 #define WIDE(i, base, offset)         \
     value = splat((base) + (offset)); \
     DOT_WIDE(a##i, value, v0);        \
@@ -78,8 +94,9 @@ static void TILE(const tile_row *row)
 {
     static const int32_t zeros[4 * LANES] = {0};
     const lull_conv *conv = row->conv;
-    const struct tile_part *end = row->part + conv->segments, *narrow = row->part + conv->wide;
-    unsigned count = conv->wide ? conv->wide_shift : 0; /* 0: the bias may come first */
+    unsigned wide = IS_WORDS ? 0 : conv->wide;
+    unsigned count = wide ? conv->wide_shift : 0; /* 0: the bias may come first */
+    const struct tile_part *end = row->part + conv->segments, *narrow = row->part + wide;
     finish f;
     finish_init(&f, row, VECTORS, IS_SMALL);
     FOR_TILES(p, conv, PIXELS)
@@ -97,8 +114,15 @@ static void TILE(const tile_row *row)
             start = row->bias + p * start_step;
             FOR_PIXELS(SHIFT)
         }
-        for (; part < end; part++)
+        for (; part < end; part++) {
+#if IS_WORDS
+            FOR_PIXELS(RUN)
+            SEGMENT(WORDS)
+            FOR_PIXELS(WIDEN)
+#else
             SEGMENT(NARROW)
+#endif
+        }
         finish_tile(&f, row, p);
         if (f.size == 1) {
             STORE_ALL(BYTES | IS_SMALL * SMALL, STORE_BYTES)
@@ -112,6 +136,9 @@ static void TILE(const tile_row *row)
 #undef DECLARE
 #undef START
 #undef NARROW
+#undef RUN
+#undef WORDS
+#undef WIDEN
 #undef WIDE
 #undef SHIFT
 #undef STORE

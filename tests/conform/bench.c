@@ -212,6 +212,36 @@ static void bench_conv(const char *port, const lull_kernels *kernels, int is_int
     }
 }
 
+/* 1 if a layer is one of those to see sums in words of. */
+static int is_narrow(const layer *shape)
+{
+    return !shape->wide_source && shape->channels <= 64 && shape->channels % 4 == 0 &&
+           (shape->skip == 0 || shape->skip == 16);
+}
+
+/* Integer convolutions whose sums fit words: weights of -1, 0 and 1. */
+static void bench_words(const char *port, const lull_kernels *kernels)
+{
+    const bench_peak *peak = find_peak(port, "in words");
+    for (unsigned i = 0; peak && i < sizeof layers / sizeof layers[0]; i++) {
+        lull_conv conv;
+        double macs, speed, share;
+        if (!is_narrow(&layers[i]))
+            continue;
+        make(&conv, &layers[i], 1, kernels->block_int, &macs);
+        conv.fits_words = 1;
+        for (unsigned s = 0; s < conv.segments; s++) {
+            int8_t *weights = (int8_t *)(size_t)conv.segment[s].weights;
+            size_t whole = lull_align_up(conv.outputs, kernels->block_int);
+            for (size_t k = 0; k < whole * conv.segment[s].length * 4; k++)
+                weights[k] = (int8_t)(k % 3) - 1;
+        }
+        speed = conv_speed(kernels->conv_int, &conv, 1, macs, peak, &share);
+        release(&conv);
+        print_conv(port, "in words", layers[i].name, speed, peak, share);
+    }
+}
+
 /* ---- Products at the points of patches ---- */
 
 #define POINT_BYTES (320u << 10) /* of points and sums, about what a task of plan.c has */
@@ -508,7 +538,7 @@ int bench_main(const char *port)
         if (i == 0 || kernels.conv_f32 != scalar.conv_f32)
             bench_conv(ports[i].name, &kernels, 0), done++;
         if (i == 0 || kernels.conv_int != scalar.conv_int)
-            bench_conv(ports[i].name, &kernels, 1), done++;
+            bench_conv(ports[i].name, &kernels, 1), bench_words(ports[i].name, &kernels), done++;
         if (i == 0 || kernels.points_int != scalar.points_int)
             bench_points(ports[i].name, &kernels), done++;
         done += bench_pixels(ports[i].name, i ? &kernels : &scalar, &scalar);

@@ -13,7 +13,8 @@ int bench_main(const char *port);
  * convolutions; 0 where they are not known. */
 typedef struct bench_peak {
     const char *port;
-    const char *slot; /* conv_f32, conv_int or points_int */
+    const char *slot; /* conv_f32, conv_int or points_int; or `in words`: of conv_int, sums that fit
+                       * words, where a port has a way of its own for them */
     const char *instructions;
     double (*macs)(unsigned rounds); /* runs the loop; multiply-accumulates done */
 } bench_peak;

@@ -73,6 +73,51 @@ static void make_int_weights(const cases_conv *c, cases_pattern pattern, unsigne
     }
 }
 
+/* Adds up to `left` to the sizes of some weights of this sign, `together` at a time: of `dwords`
+ * times two weights, from `first` on in every second pair of a run. */
+static void spread(float *first, unsigned dwords, int sign, int left, int together)
+{
+    for (unsigned tries = 0; left > 0 && tries < 1000; tries++) {
+        float *w = first + 4 * guard_below(dwords) + guard_below(2);
+        int most = (float)sign * *w < 0 ? 0 : 127 - (int)fabs((double)*w);
+        most = most < together ? most : together;
+        most = most < left ? most : left;
+        *w += (float)(sign * most);
+        left -= most;
+    }
+}
+
+/* Weights of segment s: of both words the positive ones sum to at most 128, and the negative ones
+ * to at least -128. */
+static void make_word_weights(const cases_conv *c, cases_pattern pattern, unsigned s)
+{
+    unsigned dwords = c->conv.segment[s].length, half = (dwords + 1) / 2;
+    memset(weights[s], 0, sizeof weights[s]);
+    for (unsigned i = 0; i < 2 * c->conv.outputs; i++) {
+        float *first = &weights[s][i / 2 * CASES_MAX_ELEMENTS + 2 * (i % 2)], *pair;
+        int sign = guard_below(2) ? 1 : -1;
+        switch (pattern) {
+        case CASES_MIN:
+        case CASES_MAX:
+            pair = first + 4 * guard_below(dwords);
+            pair[i / 4 % 2] = pattern == CASES_MIN ? -127.0f : 127.0f;
+            pair[!(i / 4 % 2)] = pattern == CASES_MIN ? -1.0f : 1.0f;
+            break;
+        case CASES_ALTERNATING:
+            spread(first, half, sign, 128, 20);
+            spread(first + 4 * (dwords - half), half, -sign, 128, 20);
+            break;
+        case CASES_PAIRS:
+            spread(first, dwords, sign, 128, 1);
+            spread(first, dwords, -sign, 128, 1);
+            break;
+        default:
+            spread(first, dwords, 1, guard_between(0, 128), guard_between(1, 127));
+            spread(first, dwords, -1, guard_between(0, 128), guard_between(1, 127));
+        }
+    }
+}
+
 static void make_float_weights(const cases_conv *c, cases_pattern pattern, unsigned s)
 {
     for (unsigned o = 0; o < c->conv.outputs; o++)
@@ -102,16 +147,20 @@ static void just_below_a_half(const lull_conv *conv, unsigned o)
 
 /* Bias and multiplier of every output: sums stay in int32, results fall on both sides of the
  * clamp. */
-static void make_int_scales(cases_conv *c, cases_pattern pattern, int is_layer)
+static void make_int_scales(cases_conv *c, cases_pattern pattern, cases_kind kind)
 {
     lull_conv *conv = &c->conv;
-    int may_be_small = is_layer || guard_below(4) != 0;
+    int is_layer = kind != CASES_ANY, may_be_small = is_layer || guard_below(4) != 0;
     conv->is_small = may_be_small;
+    conv->fits_words = kind == CASES_WORDS;
     for (unsigned o = 0; o < conv->outputs; o++) {
-        double wide = 0, narrow = 0, room;
+        double wide = 0, narrow = 0, negative = 0, room;
         for (unsigned s = 0; s < conv->segments; s++)
-            for (unsigned e = 0; e < c->elements[s]; e++)
-                *(s < conv->wide ? &wide : &narrow) += fabs((double)cases_weight(s, o, e));
+            for (unsigned e = 0; e < c->elements[s]; e++) {
+                double w = (double)cases_weight(s, o, e);
+                *(s < conv->wide ? &wide : &narrow) += fabs(w);
+                negative += w < 0 ? -w : 0;
+            }
         wide = floor((wide * 32767 + (1 << conv->wide_shift >> 1)) / (1 << conv->wide_shift));
         room = 2147483647.0 - wide - narrow * 255;
         room = is_layer || guard_below(4) ? fmin(room, 1 << 12) : room; /* mostly small */
@@ -121,6 +170,11 @@ static void make_int_scales(cases_conv *c, cases_pattern pattern, int is_layer)
                             : pick(pattern, o, 0, (1 << 30) - 1);
         if (is_layer) /* results in the middle of their range */
             multiplier[o] = (int32_t)fmin(1 << 30, (1 << 11) * 1048576.0 / (narrow + 1));
+        if (kind == CASES_WORDS) { /* all sums, whatever their sign, in different results */
+            int_bias[o] = (int32_t)(255 * negative);
+            multiplier[o] = (int32_t)fmin((1 << 30) - 1, (1 << 11) * 1048576.0 / (narrow + 1) *
+                                                             (conv->out_max > 255 ? 100 : 1));
+        }
         if (may_be_small) /* 24 bits; often a power of two or so, for results with halves */
             multiplier[o] = guard_below(2)              ? multiplier[o] & ~0xffff
                             : multiplier[o] >= 1 << 24 ? multiplier[o] & ~0x3f
@@ -134,9 +188,12 @@ static void make_int_scales(cases_conv *c, cases_pattern pattern, int is_layer)
     }
 }
 
-static void fill_row(const cases_conv *c, cases_pattern pattern, unsigned s, void *row, size_t n)
+static void fill_row(const cases_conv *c, cases_pattern pattern, unsigned s, void *row, size_t n,
+                     cases_kind kind)
 {
     int is_wide = s < c->conv.wide;
+    if (kind == CASES_WORDS && pattern != CASES_RANDOM)
+        pattern = CASES_MAX;
     for (size_t i = 0; i < n; i++) {
         int32_t high = is_wide ? 32767 : 255;
         if (!c->is_integer) {
@@ -152,8 +209,9 @@ static void fill_row(const cases_conv *c, cases_pattern pattern, unsigned s, voi
     }
 }
 
-static void make_segment(cases_conv *c, cases_pattern pattern, unsigned s, int is_layer)
+static void make_segment(cases_conv *c, cases_pattern pattern, unsigned s, cases_kind kind)
 {
+    int is_layer = kind != CASES_ANY;
     lull_segment *segment = &c->conv.segment[s];
     unsigned group = !c->is_integer ? 1 : s < c->conv.wide ? 2 : 4;
     size_t bytes = 4 / group, span;
@@ -162,7 +220,9 @@ static void make_segment(cases_conv *c, cases_pattern pattern, unsigned s, int i
     segment->step = 1 + guard_below(2 * group * segment->length);
     c->elements[s] = group * segment->length - guard_below(group);
     if (is_layer || guard_below(2)) { /* 1 to 3 columns, the next pixel one or two on */
-        unsigned columns = is_layer ? 2 + guard_below(2) : 1 + guard_below(3);
+        unsigned columns = kind == CASES_LAYER   ? 2 + guard_below(2)
+                           : kind == CASES_WORDS ? 1 + guard_below(4)
+                                                 : 1 + guard_below(3);
         unsigned channels = group * (1 + guard_below(12));
         segment->length = columns * channels / group;
         segment->step = columns == 3 && guard_below(2) ? 2 * channels : channels;
@@ -170,7 +230,7 @@ static void make_segment(cases_conv *c, cases_pattern pattern, unsigned s, int i
     }
     span = (size_t)(c->conv.pixels - 1) * segment->step + (size_t)group * segment->length;
     row = guard_place(GUARD_ROW + s, span * bytes, c->at_end);
-    fill_row(c, pattern, s, row, span);
+    fill_row(c, pattern, s, row, span, kind);
     segment->row = row;
     if (c->is_integer)
         make_int_weights(c, pattern, s);
@@ -179,8 +239,9 @@ static void make_segment(cases_conv *c, cases_pattern pattern, unsigned s, int i
 }
 
 void cases_make(cases_conv *c, int is_integer, cases_pattern pattern, unsigned outputs,
-                unsigned pixels, int is_layer)
+                unsigned pixels, cases_kind kind)
 {
+    int is_layer = kind != CASES_ANY;
     static const int32_t maxima[] = {255, 255, 255, 100, 32767, 32767, 256, 1000};
     lull_conv *conv = &c->conv;
     memset(c, 0, sizeof *c);
@@ -193,12 +254,14 @@ void cases_make(cases_conv *c, int is_integer, cases_pattern pattern, unsigned o
     if (is_integer) {
         conv->wide = !is_layer && guard_below(3) ? guard_below(conv->segments + 1) : 0;
         conv->wide_shift = guard_below(2) ? guard_below(16) : 0;
-        conv->out_max = maxima[guard_below(is_layer ? 4 : 8)];
+        conv->out_max = maxima[guard_below(kind == CASES_LAYER ? 4 : 8)];
     }
     for (unsigned s = 0; s < conv->segments; s++)
-        make_segment(c, pattern, s, is_layer);
+        make_segment(c, pattern, s, kind);
+    for (unsigned s = 0; kind == CASES_WORDS && s < conv->segments; s++)
+        make_word_weights(c, pattern, s);
     if (is_integer)
-        make_int_scales(c, pattern, is_layer);
+        make_int_scales(c, pattern, kind);
     else
         conv->least = guard_below(2) ? 0.0f : -LULL_FLT_MAX;
     if (!is_integer)

@@ -17,6 +17,15 @@ typedef enum cases_pattern {
 
 extern const char *const cases_names[CASES_PATTERNS];
 
+/* What convolutions look like. */
+typedef enum cases_kind {
+    CASES_ANY,
+    CASES_LAYER, /* integers: narrow, small sums of runs of 2 or 3 columns, as most layers are */
+    CASES_WORDS  /* the same of 1 to 4 columns, whose runs fit words; if not random, weights are at
+                  * the bounds and codes 255: min and max on one pair of taps, alternating of one
+                  * sign first and then of the other, pairs spread over all */
+} cases_kind;
+
 #define CASES_MAX_OUTPUTS 200u
 #define CASES_MAX_ELEMENTS 256u
 
@@ -27,10 +36,9 @@ typedef struct cases_conv {
     int has_start; /* may be set after cases_make: the bias differs from pixel to pixel */
 } cases_conv;
 
-/* Makes a case: sizes as given, the rest at random; fills its rows. is_layer: narrow, small sums of
- * runs of 2 or 3 columns, as most layers are. */
+/* Makes a case: sizes as given, the rest at random; fills its rows. */
 void cases_make(cases_conv *c, int is_integer, cases_pattern pattern, unsigned outputs,
-                unsigned pixels, int is_layer);
+                unsigned pixels, cases_kind kind);
 
 /* Sets weights, bias and multiplier in the layout for blocks of `block` outputs; is_split: as for a
  * table with splits_wide. */

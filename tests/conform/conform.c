@@ -107,12 +107,12 @@ static void run_conv(const lull_kernels *kernels, cases_conv *c, void *out)
     caller_goes_on(mode);
 }
 
-static void conv_case(int is_integer, unsigned outputs, unsigned pixels, int is_layer)
+static void conv_case(int is_integer, unsigned outputs, unsigned pixels, cases_kind kind)
 {
     cases_conv c;
     uint8_t *out;
     int has_patches = now.port->patches_u || now.port->patches_k;
-    cases_make(&c, is_integer, now.pattern, outputs, pixels, is_layer);
+    cases_make(&c, is_integer, now.pattern, outputs, pixels, kind);
     c.has_start =
         is_integer && !now.is_int3 && (now.is_scalar || has_patches) && guard_below(3) == 0;
     out = guard_place(GUARD_OUT, cases_out_bytes(&c), c.at_end);
@@ -125,9 +125,9 @@ static void conv_case(int is_integer, unsigned outputs, unsigned pixels, int is_
     run_conv(now.port, &c, out);
     now.cases++;
     if (!CHECK(elements_agree(&c, out) && gaps_untouched(&c, out)))
-        printf("  with %u outputs, %u pixels, %u segments (%u wide, shift %u), maximum %ld\n",
+        printf("  with %u outputs, %u pixels, %u segments (%u wide, shift %u), maximum %ld%s\n",
                outputs, pixels, c.conv.segments, c.conv.wide, c.conv.wide_shift,
-               (long)c.conv.out_max);
+               (long)c.conv.out_max, c.conv.fits_words ? ", in words" : "");
 }
 
 /* Every number of pixels and every number of outputs up to two of the largest tiles and one. */
@@ -138,11 +138,14 @@ static void conv_cases(int is_integer)
     CHECK(most <= CASES_MAX_OUTPUTS);
     for (unsigned round = 0; round < ROUNDS; round++) {
         for (unsigned pixels = 1; pixels <= MAX_PIXELS; pixels++)
-            conv_case(is_integer, 1 + guard_below(most), pixels, 0);
+            conv_case(is_integer, 1 + guard_below(most), pixels, CASES_ANY);
         for (unsigned outputs = 1; outputs <= most; outputs++)
-            conv_case(is_integer, outputs, 1 + guard_below(MAX_PIXELS), 0);
+            conv_case(is_integer, outputs, 1 + guard_below(MAX_PIXELS), CASES_ANY);
         for (unsigned outputs = 1; outputs <= 2 * block; outputs++) /* most tiles share columns */
-            conv_case(is_integer, outputs, MAX_PIXELS / 2 + guard_below(MAX_PIXELS / 2), 1);
+            conv_case(is_integer, outputs, MAX_PIXELS / 2 + guard_below(MAX_PIXELS / 2),
+                      CASES_LAYER);
+        for (unsigned outputs = 1; is_integer && outputs <= most; outputs++)
+            conv_case(1, outputs, 1 + guard_below(MAX_PIXELS), CASES_WORDS);
     }
 }
 
@@ -152,7 +155,7 @@ static void conv_int3_cases(void)
     now.is_int3 = 1;
     for (unsigned round = 0; round < 4 * ROUNDS; round++)
         for (unsigned pixels = 1; pixels <= MAX_PIXELS; pixels++)
-            conv_case(1, 3, pixels, 0);
+            conv_case(1, 3, pixels, CASES_ANY);
     now.is_int3 = 0;
 }
 static void conv_f32_cases(void) { conv_cases(0); }

@@ -33,6 +33,9 @@
     "vpmaddubsw %%ymm14,%%ymm15,%%ymm12\n" \
     "vpmaddwd %%ymm13,%%ymm12,%%ymm12\n"   \
     "vpaddd %%ymm12,%%ymm" #i ",%%ymm" #i "\n"
+#define ADD_WORDS_256(i)                   \
+    "vpmaddubsw %%ymm14,%%ymm15,%%ymm12\n" \
+    "vpaddw %%ymm12,%%ymm" #i ",%%ymm" #i "\n"
 #define VNNI_256(i) "%{vex%} vpdpbusd %%ymm13,%%ymm14,%%ymm" #i "\n"
 #define WORDS_256(i)                     \
     "vpmaddwd %%ymm13,%%ymm14,%%ymm12\n" \
@@ -46,6 +49,9 @@
     "vpmaddubsw %%zmm26,%%zmm27,%%zmm24\n" \
     "vpmaddwd %%zmm25,%%zmm24,%%zmm24\n"   \
     "vpaddd %%zmm24,%%zmm" #i ",%%zmm" #i "\n"
+#define ADD_WORDS_512(i)                   \
+    "vpmaddubsw %%zmm26,%%zmm27,%%zmm24\n" \
+    "vpaddw %%zmm24,%%zmm" #i ",%%zmm" #i "\n"
 #define VNNI_512(i) "vpdpbusd %%zmm25,%%zmm26,%%zmm" #i "\n"
 #define WORDS_512(i)                     \
     "vpmaddwd %%zmm25,%%zmm26,%%zmm24\n" \
@@ -56,9 +62,11 @@
 
 LOOP(fma_256, TWELVE, 12, ALL_CLEAR_256, FMA_256, 8)
 LOOP(int8_256, TWELVE, 12, ALL_CLEAR_256, INT8_256, 32)
+LOOP(add_words_256, TWELVE, 12, ALL_CLEAR_256, ADD_WORDS_256, 32)
 LOOP(vnni_256, TWELVE, 12, ALL_CLEAR_256, VNNI_256, 32)
 LOOP(fma_512, TWENTY_FOUR, 24, ALL_CLEAR_512, FMA_512, 16)
 LOOP(int8_512, TWENTY_FOUR, 24, ALL_CLEAR_512, INT8_512, 64)
+LOOP(add_words_512, TWENTY_FOUR, 24, ALL_CLEAR_512, ADD_WORDS_512, 64)
 LOOP(vnni_512, TWENTY_FOUR, 24, ALL_CLEAR_512, VNNI_512, 64)
 LOOP(words_256, TWELVE, 12, ALL_CLEAR_256, WORDS_256, 16)
 LOOP(vnni_words_256, TWELVE, 12, ALL_CLEAR_256, VNNI_WORDS_256, 16)
@@ -90,6 +98,8 @@ const bench_peak bench_peaks[] = {
     {"avx2", "conv_int", "vpmaddubsw vpmaddwd vpaddd ymm", int8_256},
     {"avx512", "conv_f32", "vfmadd231ps zmm", fma_512},
     {"avx512", "conv_int", "vpmaddubsw vpmaddwd vpaddd zmm", int8_512},
+    {"avx2", "in words", "vpmaddubsw vpaddw ymm", add_words_256},
+    {"avx512", "in words", "vpmaddubsw vpaddw zmm", add_words_512},
     {"avxvnni", "conv_int", "vpdpbusd ymm", vnni_256},
     {"vnni", "conv_int", "vpdpbusd zmm", vnni_512},
     {"amx", "conv_int", "tdpbusd tmm", tiles},

@@ -20,6 +20,7 @@ BASE = ["-std=c99", "-ffp-contract=off", "-fPIC", "-fno-stack-protector", "-Ilib
 # What only a hot loop does.
 MULTIPLY = re.compile(r"\s(vfmadd\w+ps|vpmadd\w+|vpdp\w+|fmla|vmla\.f32|smull2?|smlal2?|"
                       r"vmlal\.s\d+|sdot|usdot|sudot|usmmla)\s")
+WORDS = re.compile(r"\svpaddw\s")  # sums of words
 TILES = re.compile(r"\stdp\w+\s")  # AMX: sums pass through a buffer behind the loops, on purpose
 JUMP = re.compile(r"^\s*([0-9a-f]+):\s+(?:j\w+|b(?:\.\w+|[a-z]{2}(?:\.n|\.w)?)?|cbn?z|tbn?z)\s+"
                   r"(?:\w+,\s*(?:#\d+,\s*)?)?([0-9a-f]+)\s+<")
@@ -180,6 +181,8 @@ def test_hot_loops_keep_off_the_stack(target: Target, group: str, source: str, o
     hot = [(loop, stack) for loop, stack in inner_loops(text, target.arch)
            if any(multiply.search(line) for line in loop)]
     assert len(hot) >= 3, "found no loops: has the disassembly changed its form?"
+    if "DOT_WORDS(" in (ROOT / source).read_text():  # of both shapes or more
+        assert sum(any(WORDS.search(line) for line in loop) for loop, _ in hot) >= 2
     bad = [loop for loop, stack in hot
            if not harmless([line for line in loop if stack.search(line)])]
     assert not bad, "\n\n".join("\n".join(loop) for loop in bad)

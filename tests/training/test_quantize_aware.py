@@ -8,9 +8,10 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from export.bounds import Bound, own_groups, pair_groups, word_groups
 from export.calibrate import Kind, frame_of, network_inputs
 from export.quantizer import Options, Quantizer
-from export.reference import IntModel, load_model, unsafe_pairs
+from export.reference import IntModel, load_model
 from export.synthetic import noisy
 from export.tza import write_weights
 from tests.training.tools import TINY
@@ -45,13 +46,14 @@ def test_there_are_golden_models():
 
 
 @settings(deadline=None, max_examples=30)
-@given(st.integers(0, 10**6), st.booleans())
-def test_rounded_weights_keep_the_bounds(seed, narrow):
+@given(st.integers(0, 10**6), st.sampled_from((own_groups, pair_groups, word_groups)))
+def test_rounded_weights_keep_the_bounds(seed, groups_of):
     rng = np.random.default_rng(seed)
     w = torch.tensor(rng.normal(0, 90, (3, int(rng.integers(1, 6)), 3, 3)), requires_grad=True)
-    q = rounded_weights(w, narrow)
+    bound = Bound(groups_of(w.shape[1:]))
+    q = rounded_weights(w, bound)
     assert (q == q.round()).all() and q.abs().max() <= 127
-    assert not narrow or unsafe_pairs(q.detach().numpy().astype(np.int8)) == 0
+    assert bound.holds(q.detach().numpy().reshape(3, -1))
     q.sum().backward()
     assert (w.grad == 1).all()
 
