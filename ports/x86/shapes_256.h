@@ -1,5 +1,6 @@
-/* The shapes of tiles of 256-bit vectors, and of words in 512-bit ones: two vectors by TILE_2 pixels, or one by TILE_1. Included
- * once for each list, with TEMPLATE, SHAPES and SHAPE as for shapes_512.h. */
+/* The shapes of tiles of 256-bit vectors, and of words in 512-bit ones: two vectors by TILE_2
+ * pixels, or one by TILE_1. Included once for each list, with TEMPLATE, SHAPES and SHAPE as for
+ * shapes_512.h. */
 
 #define TILE SHAPE(2)
 #define VECTORS 2
