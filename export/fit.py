@@ -23,6 +23,7 @@ class Block:
 
     weight: np.ndarray
     wide: bool
+    one_tap: bool = False  # only the tap in the middle counts, of kernels that are files' [C,1,1]
 
     def rows(self, outputs: int) -> np.ndarray:
         """[O, phases*C*k*k]"""
@@ -37,7 +38,9 @@ class Block:
 
     def groups(self, outputs: int, of_kernel: Callable[[tuple], np.ndarray]) -> np.ndarray:
         """int [phases*C*k*k]: groups of a row's weights."""
-        one = (own_groups if self.wide else of_kernel)(self.weight.shape[1:])
+        shape = self.weight.shape[1:]
+        one = (own_groups if self.wide else of_kernel)((shape[0], 1, 1) if self.one_tap else shape)
+        one = np.repeat(one, shape[1] * shape[2]) if self.one_tap else one
         phases = len(self.weight) // outputs
         return (one + np.arange(phases)[:, None] * (one.max() + 1)).reshape(-1)
 
@@ -84,12 +87,14 @@ class Fit:
 
 
 def make_fit(layer: Layer, weight: np.ndarray, steps: Mapping[str, np.ndarray],
-             wide: Sequence[str]) -> Fit:
-    """Blocks of a layer's float weights [O,I+J,3,3]; steps: value per code of each channel."""
+             wide: Sequence[str], one_tap: bool = False) -> Fit:
+    """Blocks of a layer's float weights [O,I+J,3,3]; steps: value per code of each channel;
+    one_tap: Block's."""
     weight = np.asarray(weight, np.float64)
     split = len(steps[layer.source])
     source = weight[:, :split] * steps[layer.source][:, None, None]
-    blocks = [Block(phase_kernels(source) if layer.up else source, layer.source in wide)]
+    source = phase_kernels(source) if layer.up else source
+    blocks = [Block(source, layer.source in wide, one_tap)]
     if layer.skip:
         skip = weight[:, split:] * steps[layer.skip][:, None, None]
         blocks.append(Block(skip, layer.skip in wide))

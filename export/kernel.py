@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -94,6 +94,14 @@ class IntTrunk(IntModel):
         return np.rint(np.asarray(x) * 255).astype(np.uint8)
 
 
+def check_trunk(model: IntTrunk, file: str) -> None:
+    """Raises unless all layers keep what docs/arithmetic.md demands; runs of heads have one tap."""
+    for x in model.layers:
+        if x.layer.name in model.net.heads:
+            x = replace(x, weight=x.weight[:, :, 1:2, 1:2])
+        check_layer(x, file)
+
+
 def macs_per_pixel(layers: list[IntLayer]) -> float:
     """Multiply-adds per full-resolution pixel, of the 3x3 kernels before folding and the heads."""
     area, total = {"input": 1.0}, 0.0
@@ -123,9 +131,10 @@ def int_trunk(tensors: Mapping[str, np.ndarray], file: str) -> IntTrunk:
                                _tensor(tensors, f"{name}.bias", np.int32, (o,), file),
                                _tensor(tensors, f"{name}.scale", F, (o,), file), 0,
                                NARROW_MAX, NARROW_MAX, NARROW_MAX))
-        check_layer(layers[-1], file)
         channels[name] = o
-    return IntTrunk(trunk, layers, bilateral_of(tensors, file))
+    model = IntTrunk(trunk, layers, bilateral_of(tensors, file))
+    check_trunk(model, file)
+    return model
 
 
 def bilateral_of(tensors: Mapping[str, np.ndarray], file: str) -> int:

@@ -16,6 +16,7 @@ import numpy as np
 
 from export import kernel, pixels
 from export.dequantize import float_tensors
+from export.graph import Layer
 from export.quantize import write_tensors
 from export.quantizer import SCALE_MAX, Options, Quantizer
 from export.reference import NARROW_MAX
@@ -41,6 +42,9 @@ class KernelQuantizer(Quantizer):
         if name in self.net.heads:
             return np.full(channels, kernel.HEAD_STEP)
         return super()._steps(name, channels)
+
+    def _has_one_tap(self, layer: Layer) -> bool:
+        return layer.name in self.net.heads
 
     def _fit_output(self, layer, unit) -> None:
         if layer.name not in self.net.heads:

@@ -149,10 +149,14 @@ class Quantizer:
             return float((unit ** 2).sum() * steps.sum())
         return min(range(SHIFT_MAX + 1), key=cost)
 
+    def _has_one_tap(self, layer: Layer) -> bool:
+        """Whether the layer is a 1x1 convolution, held as a 3x3 one with zeros around."""
+        return False
+
     def _layer(self, layer: Layer) -> IntLayer:
         weight = self.source.tensors[f"{layer.name}.weight"]
         bias = self.source.tensors[f"{layer.name}.bias"].astype(np.float64)
-        fit = make_fit(layer, weight, self.steps, tuple(self.tops))
+        fit = make_fit(layer, weight, self.steps, tuple(self.tops), self._has_one_tap(layer))
         moments = second_moments(fit, self.codes, self.options.samples)
         shift = self._shift(fit, moments, bias)
         rows, unit = self._rounded(fit, moments, shift, bias)

@@ -7,8 +7,7 @@ from __future__ import annotations
 
 from torch import Tensor, nn
 
-from export.kernel import IntTrunk
-from export.reference import check_layer
+from export.kernel import IntTrunk, check_trunk
 from training import kernel_model
 from training.kernel_filter import STEP
 from training.quantize_aware import IntegerHead, IntegerLayer
@@ -40,6 +39,5 @@ class IntegerKernel(nn.Module):
     def integer_model(self) -> IntTrunk:
         """The model as it is now; ModelError if sums could leave 32 bits."""
         model = IntTrunk(self.net, [x.rounded() for x in self.layers], self.bilateral)
-        for x in model.layers:
-            check_layer(x, "trained model")
+        check_trunk(model, "trained model")
         return model

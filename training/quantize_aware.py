@@ -141,22 +141,19 @@ class IntegerHead(IntegerLayer):
     def __init__(self, source: IntLayer):
         super().__init__(source)
         self.weight = nn.Parameter(self.weight.detach()[:, :, 1:2, 1:2].contiguous())
+        self.bounds = bounds_of(dataclasses.replace(source, weight=source.weight[:, :, 1:2, 1:2]))
 
     def forward(self, x: Tensor, skip: Tensor | None) -> Tensor:
         return self._codes(through(self.bias.round(), self.bias).view(1, -1, 1, 1)
-                           + F.conv2d(x, self._rounded()))
+                           + F.conv2d(x, rounded_weights(self.weight, self.bounds[0])))
 
     def _clamped(self, codes: Tensor) -> Tensor:
         return Clamp.apply(codes, 0.0, float(self.source.out_max))
 
-    def _rounded(self) -> Tensor:
-        """The bounds are those of the 3x3 kernel."""
-        weight = F.pad(self.weight, (1, 1, 1, 1))
-        return rounded_weights(weight, self.bounds[0])[:, :, 1:2, 1:2]
-
     @torch.no_grad()
     def rounded(self) -> IntLayer:
-        weight = F.pad(self._rounded(), (1, 1, 1, 1)).cpu().numpy().astype(np.int8)
+        weight = F.pad(rounded_weights(self.weight, self.bounds[0]), (1, 1, 1, 1))
+        weight = weight.cpu().numpy().astype(np.int8)
         return dataclasses.replace(self.source, weight=weight,
                                    bias=self.bias.round().cpu().numpy().astype(np.int32))
 

@@ -5,11 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from export import kernel, quantize_kernel
+from export import golden_kernel, kernel, quantize_kernel
 from export.bounds import Bound, word_groups
 from export.dequantize import float_tensors
 from export.quantize_kernel import OPTIONS, KernelQuantizer, calibration_input, tensors_of
-from export.reference import IntLayer
+from export.reference import IntLayer, unsafe_pairs
 from export.synthetic import noisy
 from export.tza import Reader
 from training.kernel_integer import IntegerKernel
@@ -108,3 +108,22 @@ def test_words_by_hand_are_those_of_the_bound(by_words):
     for x in by_words[OPTIONS.words].layers:
         rows = [(w, Bound(word_groups(w.shape[1:]))) for w in (x.weight, x.skip) if w is not None]
         assert fits_words(x) == all(b.holds(w.reshape(len(w), -1).astype(int)) for w, b in rows)
+
+
+@pytest.mark.parametrize("words", (0.0, 1e9))
+def test_pairs_of_a_head_with_odd_inputs(words, monkeypatch):
+    """Its run begins with channel 0, not after those of a column to the left."""
+    monkeypatch.setattr(golden_kernel, "WIDTHS", (5, 4, 6, 4, 8, 7, 8, 8, 9, 8, 8, 6, 7, 5))
+    tensors = float_tensors(tensors_of(golden_kernel.random_model(3)), "odd")
+    model = kernel.FloatTrunk(kernel.find_trunk(tensors, "odd"), tensors)
+    made = KernelQuantizer(model, INPUTS[:1], replace(OPTIONS, words=words, samples=400)).run()
+    tight = 0
+    for net in (made, IntegerKernel(made, "pu").integer_model()):
+        for x in net.layers:
+            if x.layer.name in ("head0", "head1"):
+                one = x.weight[:, :, 1:2, 1:2]
+                assert one.shape[1] % 2 == 1 and unsafe_pairs(one) == 0
+                tight += unsafe_pairs(np.roll(one, 1, 1))
+        again = kernel.int_trunk(tensors_of(net), "odd")  # as a loader reads it
+        assert len(again.layers) == len(net.layers)
+    assert tight, "the weights are too small to tell"
