@@ -54,11 +54,15 @@ llvm_package() { # the newest one that the distribution has
     echo libllvm19
 }
 
+# Exit status of this Python program: whether C++ operations of training can be compiled.
+has_headers='import os, sysconfig; assert os.path.exists(sysconfig.get_path("include") + "/Python.h")'
+
 # Of use to some tests, and left alone where they cannot be had.
 find_wanted() {
     missing=
     [ "$what" = check ] || return 0
     need g++ command -v c++
+    need python3-dev "$python" -c "$has_headers"
     need libsimde-dev [ -e /usr/include/simde ]
     need "$(llvm_package)" llvm_is_there
     [ "${CI:-}" = true ] || return 0
