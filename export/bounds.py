@@ -7,6 +7,7 @@ every second pair of a run.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -49,14 +50,19 @@ class Bound:
         """The bound of these columns, the others being 0."""
         return Bound(self.group[columns])
 
+    @cached_property
+    def _sorted(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Columns by group, where each of the G groups that occur begins, and which is whose."""
+        _, starts, index = np.unique(np.sort(self.group), return_index=True, return_inverse=True)
+        order = np.argsort(self.group, kind="stable")
+        own = np.empty_like(order)
+        own[order] = index
+        return order, starts, own
+
     def _sums(self, q: np.ndarray) -> np.ndarray:
         """[O,G] of the positive weights."""
-        order = np.argsort(self.group, kind="stable")
-        starts = np.searchsorted(self.group[order], np.arange(self.group.max() + 1))
-        q = np.maximum(q, 0)[:, order]
-        sums = np.add.reduceat(np.pad(q, ((0, 0), (0, 1))), starts, 1)
-        sums[:, np.diff(starts, append=q.shape[1]) == 0] = 0  # reduceat: not 0 where none is
-        return sums
+        order, starts, _ = self._sorted
+        return np.add.reduceat(np.maximum(q, 0)[:, order], starts, 1)
 
     def norm(self, rows: np.ndarray) -> np.ndarray:
         """[O]: the least factor t >= 0 for which rows / t keep the bound before rounding."""
@@ -67,7 +73,7 @@ class Bound:
         return bool((self.norm(q) <= 1).all())
 
     def _most(self, q: np.ndarray) -> np.ndarray:
-        room = (SUM_MAX - self._sums(q))[:, self.group]
+        room = (SUM_MAX - self._sums(q))[:, self._sorted[2]]
         return np.clip(room + np.maximum(q, 0), 0, WEIGHT_MAX)
 
     def limits(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -93,7 +99,7 @@ class Bound:
                 excess = self._sums(v) > SUM_MAX
                 if not excess.any():
                     break
-                above = np.where((v > 0) & excess[:, self.group], v - sign * wish, -np.inf)
+                above = np.where((v > 0) & excess[:, self._sorted[2]], v - sign * wish, -np.inf)
                 last = above.shape[1] - 1 - above[:, ::-1].argmax(1)  # of equal ones
                 v[rows, last] -= excess.any(1)
             q = sign * v

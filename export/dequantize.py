@@ -32,6 +32,12 @@ def read_integer(tensors: Mapping[str, np.ndarray], file: str) -> IntModel:
     return (kernel.int_trunk if is_trunk else int_model)(tensors, file)
 
 
+def as_floats(tensors: Mapping[str, np.ndarray], file: str) -> Mapping[str, np.ndarray]:
+    """`float_tensors` of an integer model; others as they are."""
+    is_integer = any(t.dtype == np.int8 for t in tensors.values())
+    return float_tensors(tensors, file) if is_integer else tensors
+
+
 def float_tensors(tensors: Mapping[str, np.ndarray], file: str) -> dict[str, np.ndarray]:
     """Weights `[O,I,k,k]` and biases `[O]`, float32, of the network that an integer model stands
     for; values between layers are codes over the largest code, where quantising ended them.

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from export import kernel, pixels
-from export.dequantize import float_tensors
+from export.dequantize import as_floats
 from export.graph import Layer
 from export.quantize import write_tensors
 from export.quantizer import SCALE_MAX, Options, Quantizer
@@ -123,10 +123,8 @@ def read_tensors(path: Path) -> dict[str, np.ndarray]:
     """Float weights by name from a .tza, or from a .pt that holds a state dict."""
     if path.suffix != ".pt":
         tensors = dict(Reader(path))
-        if not any(name.endswith(".scale") and name != kernel.BILATERAL for name in tensors):
-            return tensors
         same = {k: v for k, v in tensors.items() if k == kernel.BILATERAL}
-        return float_tensors(tensors, str(path)) | same
+        return dict(as_floats(tensors, str(path))) | same
     import torch
     try:
         state = torch.load(path, weights_only=True)

@@ -143,9 +143,10 @@ class Quantizer:
         """The shift of a mixed layer for which rounding its weights costs least."""
         if not fit.mixed:
             return 0
+        pairs = fit.pairs()
         def cost(shift: int) -> float:
             steps = np.diag(moments) * fit.counts(shift) ** 2
-            unit = self._unit(fit, shift, bias, fit.pairs())
+            unit = self._unit(fit, shift, bias, pairs)
             return float((unit ** 2).sum() * steps.sum())
         return min(range(SHIFT_MAX + 1), key=cost)
 

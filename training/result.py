@@ -14,7 +14,6 @@ import json
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
 
 from training import nets
@@ -134,7 +133,7 @@ def make_model(settings: Settings) -> torch.nn.Module:
 
 def read_weights(path: Path) -> dict[str, torch.Tensor]:
     """Tensors of a .tza weights file (integers as floats), or of a .pt file with a state dict."""
-    from export.dequantize import float_tensors
+    from export.dequantize import as_floats
     from export.tza import Reader
     if path.suffix == ".pt":
         try:
@@ -142,9 +141,7 @@ def read_weights(path: Path) -> dict[str, torch.Tensor]:
         except Exception as e:  # a damaged file shows as one of many kinds of exception
             raise ToolError(f"{path}: no state dict ({type(e).__name__})", STATE) from e
     try:
-        tensors = Reader(path)
-        if any(t.dtype == np.int8 for t in tensors.values()):
-            tensors = float_tensors(tensors, path.name)
+        tensors = as_floats(Reader(path), path.name)
         return {k: torch.tensor(v).float() for k, v in tensors.items()}
     except (ValueError, OSError) as e:  # TzaError and ModelError are of the former
         raise ToolError(f"{path}: {e}", STATE) from e

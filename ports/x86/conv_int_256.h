@@ -144,24 +144,9 @@ LULL_INLINE void finish_1(const finish *f, int how, unsigned i, unsigned j, vec 
 #define SHAPE(vectors) small_##vectors
 #include "shapes_256.h"
 
-#if defined(DOT_WORDS)
 LULL_INLINE vec widened(vec a) { return _mm256_madd_epi16(a, _mm256_set1_epi16(1)); }
 
-/* Within a run no register is needed for ones, and none for sums of those before: tiles are larger.
- */
-#undef TILE_2
-#undef TILE_1
-#define TILE_2 6
-#define TILE_1 12
-#undef IS_WORDS
-#define IS_WORDS 1
-#define TEMPLATE "conv_int_tile.h"
-#define SHAPES word_shapes
-#define SHAPE(vectors) words_##vectors
-#include "shapes_256.h"
-#else
-#define word_shapes small_shapes
-#endif
+#include "shapes_words.h"
 
 void CONV(const lull_conv *conv)
 {

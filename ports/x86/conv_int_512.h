@@ -18,21 +18,9 @@
 #define SHAPE(vectors) small_##vectors
 #include "shapes_512.h"
 
-#if defined(DOT_WORDS)
 LULL_INLINE vec widened(vec a) { return _mm512_madd_epi16(a, _mm512_set1_epi16(1)); }
 
-/* There are two registers for each sum. */
-#undef IS_WORDS
-#define IS_WORDS 1
-#define TILE_2 6
-#define TILE_1 12
-#define TEMPLATE "conv_int_tile.h"
-#define SHAPES word_shapes
-#define SHAPE(vectors) words_##vectors
-#include "shapes_256.h"
-#else
-#define word_shapes small_shapes
-#endif
+#include "shapes_words.h"
 
 #if defined(SHARE_COLUMNS)
 #define TILE slide_2

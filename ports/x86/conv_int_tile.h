@@ -32,31 +32,22 @@
     C(c##i = load(start + 2 * LANES);) \
     D(d##i = load(start + 3 * LANES);) \
     start += start_step;
-#define NARROW(i, base, offset)       \
-    value = splat((base) + (offset)); \
-    DOT_NARROW(a##i, value, v0);      \
-    B(DOT_NARROW(b##i, value, v1);)   \
-    C(DOT_NARROW(c##i, value, v2);)   \
-    D(DOT_NARROW(d##i, value, v3);)
+#define PRODUCTS(DOT, sums, base, offset, i) \
+    value = splat((base) + (offset));        \
+    DOT(sums##a##i, value, v0);              \
+    B(DOT(sums##b##i, value, v1);)           \
+    C(DOT(sums##c##i, value, v2);)           \
+    D(DOT(sums##d##i, value, v3);)
+#define NARROW(i, base, offset) PRODUCTS(DOT_NARROW, , base, offset, i)
+#define WIDE(i, base, offset) PRODUCTS(DOT_WIDE, , base, offset, i)
 #define RUN(i, base, offset)                            \
     vec run_a##i = zero() B(, run_b##i = zero()) C(, run_c##i = zero()) D(, run_d##i = zero());
-#define WORDS(i, base, offset)            \
-    value = splat((base) + (offset));     \
-    DOT_WORDS(run_a##i, value, v0);       \
-    B(DOT_WORDS(run_b##i, value, v1);)    \
-    C(DOT_WORDS(run_c##i, value, v2);)    \
-    D(DOT_WORDS(run_d##i, value, v3);)
+#define WORDS(i, base, offset) PRODUCTS(DOT_WORDS, run_, base, offset, i)
 #define WIDEN(i, base, offset)                 \
     a##i = add(a##i, widened(run_a##i));       \
     B(b##i = add(b##i, widened(run_b##i));)    \
     C(c##i = add(c##i, widened(run_c##i));)    \
     D(d##i = add(d##i, widened(run_d##i));)
-#define WIDE(i, base, offset)         \
-    value = splat((base) + (offset)); \
-    DOT_WIDE(a##i, value, v0);        \
-    B(DOT_WIDE(b##i, value, v1);)     \
-    C(DOT_WIDE(c##i, value, v2);)     \
-    D(DOT_WIDE(d##i, value, v3);)
 #define SHIFT(i, base, offset)                                             \
     a##i = add(shift(add(a##i, half), count), load(start));                \
     B(b##i = add(shift(add(b##i, half), count), load(start + LANES));)     \
@@ -135,6 +126,7 @@ static void TILE(const tile_row *row)
 
 #undef DECLARE
 #undef START
+#undef PRODUCTS
 #undef NARROW
 #undef RUN
 #undef WORDS
