@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import functools
+import importlib
 import os
 import socket
 import sys
@@ -141,6 +142,9 @@ def _member(rank: int, work, settings: Settings, world: int, local: int) -> None
                         USAGE)
     configure(settings)
     device = open_device(settings, local)
+    # Its functions keep the group that is open when an optimiser first imports them, with its
+    # threads; a thread that lives on while the interpreter ends may abort it.
+    importlib.import_module("torch.distributed.nn.functional")
     dist.init_process_group("nccl" if device.type == "cuda" else "gloo", rank=rank,
                             world_size=world)
     try:

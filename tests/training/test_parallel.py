@@ -1,0 +1,39 @@
+"""Processes of a training: none leaves threads behind when its group is closed."""
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from tests.training.test_train import port
+
+MEMBER = """
+import torch
+from pathlib import Path
+from training import parallel
+from training.settings import parse
+
+def work(settings, team):
+    p = torch.nn.Parameter(torch.ones(4, 4))
+    p.grad = torch.full((4, 4), float(team.rank))
+    team.average([p.grad])
+    assert float(p.grad[0, 0]) == 0.5
+    torch.optim.AdamW([p]).step()
+
+parallel.launch(work, parse("train", ["hdr", "--threads", "1", "-d", "cpu", "-b", "2"], ""))
+print(sorted(t.read_text().strip() for t in Path("/proc/self/task").glob("*/comm")))
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="optional: reads /proc")
+def test_closed_group_leaves_no_threads(root, tmp_path):
+    """Threads of gloo that are left while the interpreter ends abort it, now and then."""
+    (tmp_path / "member.py").write_text(MEMBER)
+    env = dict(os.environ, PYTHONPATH=str(root), OMP_NUM_THREADS="1")
+    run = subprocess.run([sys.executable, "-m", "torch.distributed.run", "--nproc_per_node=2",
+                          f"--master_port={port()}", str(tmp_path / "member.py")],
+                         env=env, capture_output=True, text=True, timeout=600)
+    assert run.returncode == 0, run.stderr
+    assert run.stdout.count("[") == 2 and "gloo" not in run.stdout
