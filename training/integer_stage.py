@@ -62,7 +62,9 @@ def quantize(tensors: dict[str, torch.Tensor], settings: Settings, pictures: lis
             arrays = without_silent(net, arrays, active, net.heads)
         inputs = [kernel_input(x, settings, i)
                   for i, x in enumerate(spread_codes(pictures, CALIBRATION))]
-        return KernelQuantizer(kernel.FloatTrunk(net, arrays), inputs, OPTIONS).run()
+        model = KernelQuantizer(kernel.FloatTrunk(net, arrays), inputs, OPTIONS).run()
+        model.bilateral = settings.get("bilateral") or 0
+        return model
     if prune:
         raise ToolError("--prune is for family K", USAGE)
     codes = spread_codes(pictures, CALIBRATION)

@@ -23,7 +23,8 @@ CONFIDENCE, BLEND = -255.0 / STEP, -8.0  # added to these logits
 PARTS = [TAPS, 1, 1]              # channels of a head: logits, confidence, blend;
 FULL_PARTS = [*PARTS, TAPS]       # at full resolution also the logits of the albedo's kernel
 LEAST_SLOPE = 0.03                # of a blend weight by its logit, in gradients
-CONSTANTS = [STEP, EPS, RADIANCE_MAX, CONFIDENCE, BLEND, LEAST_SLOPE]
+CONSTANTS = [STEP, EPS, RADIANCE_MAX, CONFIDENCE, BLEND, float(NOISE_GAIN), float(NOISE_EPS),
+             LEAST_SLOPE]
 
 
 class Round(torch.autograd.Function):
@@ -77,16 +78,18 @@ class Fused(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx, radiance: Tensor, albedo: Tensor, has_albedo: Tensor, whole: bool,
-                *heads: Tensor) -> Tensor:
+                *heads: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         heads = [q.contiguous(memory_format=torch.channels_last) for q in heads]
         images = [planar(t) for t in (radiance, albedo, has_albedo)]
-        out, tape = fused.module().filter(heads, *images, CONSTANTS, whole)
+        out, tape, last = fused.module().filter(heads, *images, CONSTANTS, whole)
         ctx.save_for_backward(*images, tape, *heads)
         ctx.whole = whole
-        return out
+        smooth, noise = last.split((3, 1), 1)
+        ctx.mark_non_differentiable(smooth, noise)
+        return out, smooth, noise
 
     @staticmethod
-    def backward(ctx, g: Tensor):
+    def backward(ctx, g: Tensor, *_):
         *rest, = ctx.saved_tensors
         images, tape, heads = rest[:3], rest[3], rest[4:]
         grads = fused.module().filter_backward(heads, *images, tape, planar(g), CONSTANTS,
@@ -100,9 +103,10 @@ def planar(x: Tensor) -> Tensor:
 
 
 def apply_filter(heads: list[Tensor], radiance: Tensor, albedo: Tensor,
-                 has_albedo: Tensor) -> Tensor:
+                 has_albedo: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """Filtered radiance [N,3,H,W] from the heads by level, the radiance (exposed), the albedo, and
-    where there is one (0 or 1, [N,1,H,W])."""
+    where there is one (0 or 1, [N,1,H,W]). And, for `smooth_result` and without gradients, the
+    divisor [N,3,H,W] and the noise codes [N,1,H,W]."""
     images = radiance, albedo, has_albedo
     if fused.usable(*images):
         return Fused.apply(*images, True, *heads)
@@ -110,7 +114,7 @@ def apply_filter(heads: list[Tensor], radiance: Tensor, albedo: Tensor,
 
 
 def plain(heads: list[Tensor], radiance: Tensor, albedo: Tensor, has_albedo: Tensor,
-          whole: bool = True) -> Tensor:
+          whole: bool = True) -> tuple[Tensor, Tensor, Tensor]:
     """The same with PyTorch's operations, on any device. A factor common to all weights cancels, so
     logits are taken as they are where the integer engine subtracts their largest.
 
@@ -118,7 +122,7 @@ def plain(heads: list[Tensor], radiance: Tensor, albedo: Tensor, has_albedo: Ten
     parts = [split_codes(q.to(radiance.dtype), PARTS if level else FULL_PARTS, whole)
              for level, q in enumerate(heads)]
     smooth = divisor(parts[0][3], albedo, has_albedo)
-    i = radiance.clamp(0.0, RADIANCE_MAX) / smooth
+    i = first = radiance.clamp(0.0, RADIANCE_MAX) / smooth
     filtered = []
     for level in range(LEVELS):
         c = torch.exp(parts[level][1] + CONFIDENCE)
@@ -133,7 +137,9 @@ def plain(heads: list[Tensor], radiance: Tensor, albedo: Tensor, has_albedo: Ten
         beta = Blend.apply(parts[level][2] + BLEND)
         f = filtered[level]
         out = f + beta * (upsample(out)[..., :f.shape[-2], :f.shape[-1]] - f)
-    return out * smooth
+    with torch.no_grad():
+        noise = noise_codes(first, filtered[0])
+    return out * smooth, smooth.detach(), noise
 
 
 def divisor(logits: Tensor, albedo: Tensor, has_albedo: Tensor) -> Tensor:
@@ -143,31 +149,27 @@ def divisor(logits: Tensor, albedo: Tensor, has_albedo: Tensor) -> Tensor:
     return smooth * has_albedo + (1.0 - EPS) * (1.0 - has_albedo) + EPS
 
 
-def smooth_result(out: Tensor, head: Tensor, radiance: Tensor, albedo: Tensor, has_albedo: Tensor,
-                  codes: Tensor, bilateral: int) -> Tensor:
-    """The result `out` of apply_filter after the last steps, [N,3,H,W].
+def smooth_result(out: Tensor, smooth: Tensor, noise: Tensor, radiance: Tensor, codes: Tensor,
+                  bilateral: int) -> Tensor:
+    """The result of apply_filter after the last steps, [N,3,H,W]; gradients pass by `out` alone.
 
-    head: that of full resolution; codes: the network's input, whole numbers of 0..255, [N,12,H,W];
-    bilateral: a value of export.kernel.BILATERAL.
+    codes: the network's input, whole numbers of 0..255, [N,12,H,W]; bilateral: a value of
+    export.kernel.BILATERAL.
     """
-    logits, confidence, _, smoothing = split_codes(head.to(radiance.dtype), FULL_PARTS)
-    s = divisor(smoothing, albedo, has_albedo)
-    radiance = radiance.clamp(0.0, RADIANCE_MAX)
-    c, first = torch.exp(confidence + CONFIDENCE), radiance / s
-    sums = kernel_filter(logits, torch.cat((c, c * first), 1))
-    noise = noise_codes(first, sums[:, 1:] / sums[:, :1])
     corrects = bilateral == SMOOTH_AND_CORRECT
-    v = smoothed(out / s, noise, guide_of(codes), corrects)
+    v = smoothed(out / smooth, noise, guide_of(codes), corrects)
     if corrects:  # but not what is clipped
-        v = torch.where(codes[:, 11:12] > 0, v, corrected(v, s, noise, radiance))
-    return v * s
+        radiance = radiance.clamp(0.0, RADIANCE_MAX)
+        v = torch.where(codes[:, 11:12] > 0, v, corrected(v, smooth, noise, radiance))
+    return v * smooth
 
 
-def moved(v: Tensor, offset: tuple[int, int]) -> Tensor:
-    """v(p + offset), or the nearest pixel inside; v [N,C,H,W], offset (x, y)."""
-    x, y = (torch.arange(n, device=v.device).add(k).clamp(0, n - 1)
-            for n, k in zip(v.shape[:1:-1], offset))
-    return v[..., y[:, None], x]
+def moved(v: Tensor, offsets: list[tuple[int, int]]) -> list[Tensor]:
+    """v(p + k) for each offset k, (x, y), or the nearest pixel inside; v [N,C,H,W]."""
+    h, w = v.shape[-2:]
+    x, y = (max(abs(k[i]) for k in offsets) for i in (0, 1))
+    padded = F.pad(v, (x, x, y, y), mode="replicate")
+    return [padded[..., y + j:y + j + h, x + i:x + i + w] for i, j in offsets]
 
 
 def summed(v: Tensor) -> Tensor:
@@ -194,13 +196,14 @@ def guide_of(codes: Tensor) -> Tensor:
 
 def smoothed(out: Tensor, noise: Tensor, guide: Tensor, is_far: bool) -> Tensor:
     """export.smooth.smoothed of tensors [N,3,H,W]."""
-    width = sum(moved(noise, (k, 0)) for k in (-1, 0, 1)) * float(WIDTH_PER_CODE)
+    width = sum(moved(noise, [(-1, 0), (0, 0), (1, 0)])) * float(WIDTH_PER_CODE)
     width = width.clamp(float(WIDTH_MIN), float(WIDTH_MAX))
     gain = (float(RESULT_GAIN) / width) / (out + EPS)
     weights, total = torch.ones_like(out[:, :1]), torch.zeros_like(out)
-    for k in OFFSETS + FAR_OFFSETS * is_far:
-        change = moved(out, k) - out
-        apart = (moved(guide, k) - guide).square().sum(1, keepdim=True)
+    offsets = [*OFFSETS, *FAR_OFFSETS * is_far]
+    for there, guided in zip(moved(out, offsets), moved(guide, offsets)):
+        change = there - out
+        apart = (guided - guide).square().sum(1, keepdim=True)
         t = summed((change * gain).square()) + float(GUIDE_GAIN) * apart
         w = (1.0 - t).clamp(min=0.0).square()
         weights = weights + w

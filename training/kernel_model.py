@@ -51,8 +51,7 @@ def run(trunk: Callable[[Tensor], list[Tensor]], transfer: str, x: Tensor,
     """Codes [N,12,H,W] -> codes [N,3,H,W] of the filtered radiance, any height and width.
 
     trunk: network input (codes / 255) in `kind`, sides multiples of 16 -> heads by level.
-    bilateral: export.kernel.BILATERAL, the last steps, which have no weights and are no part of
-        training; 0 without.
+    bilateral: export.kernel.BILATERAL, the last steps, which have no weights; 0 without.
     """
     radiance = from_codes(transfer, x[:, :3])
     codes = encode(radiance, x, kind)
@@ -61,20 +60,20 @@ def run(trunk: Callable[[Tensor], list[Tensor]], transfer: str, x: Tensor,
     heads = trunk(F.pad(codes, (0, -w % ALIGN, 0, -h % ALIGN)) if odd else codes)
     if odd:  # padding is no part of the image for the filter
         heads = [head[..., :-(-h >> s), :-(-w >> s)] for s, head in enumerate(heads)]
-    images = radiance, x[:, 3:6], x[:, 9:10]
-    out = apply_filter(heads, *images)
+    out, smooth, noise = apply_filter(heads, radiance, x[:, 3:6], x[:, 9:10])
     if bilateral:
-        out = smooth_result(out, heads[0], *images, (codes.to(x.dtype) * 255.0).round(), bilateral)
+        codes = (codes.to(x.dtype) * 255.0).round()
+        out = smooth_result(out, smooth, noise, radiance, codes, bilateral)
     return to_codes(transfer, out, LOWEST, color.HDR_MAX)
 
 
 class KernelModel(KernelNet):
     """A K net that maps the codes of `planes` to those of the result.
 
-    bilateral: that of `run`, in evaluation mode."""
+    bilateral: that of `run`, in evaluation mode; in training only if `learns_last_steps`."""
 
     align = 1  # it pads by itself
-    bilateral = 0
+    bilateral, learns_last_steps = 0, False
 
     def __init__(self, net, heads, widths: list[int], transfer: str = "pu"):
         super().__init__(net, heads, widths)
@@ -82,4 +81,4 @@ class KernelModel(KernelNet):
 
     def forward(self, x: Tensor) -> Tensor:
         return run(self.trunk, self.transfer, x, arithmetic(x),
-                   bilateral=0 if self.training else self.bilateral)
+                   bilateral=self.bilateral * (self.learns_last_steps or not self.training))

@@ -128,7 +128,7 @@ class KernelNet(nn.Module):
                 has_albedo: Tensor) -> Tensor:
         """Filtered radiance. radiance (exposed) and albedo [N,3,H,W], has_albedo [N,1,H,W]."""
         heads = self.trunk(codes)
-        return apply_filter(heads, radiance, albedo, has_albedo)
+        return apply_filter(heads, radiance, albedo, has_albedo)[0]
 
     def macs_per_pixel(self) -> float:
         """Multiply-adds of the network per pixel, unfolded."""

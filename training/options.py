@@ -121,6 +121,8 @@ OPTIONS = (
     _o("--zoom", "TL", 0.0, "share of hdr tiles enlarged, with noise at the new size", **FLOAT),
     _o("--drop_features", "TL", None, "family K: share of tiles without all features", **FLOAT),
     _o("--clip", "TL", None, "family K: share of tiles clipped like LDR images", **FLOAT),
+    _o("--bilateral", "T", 0, "family K: train through the last steps, 1: both, 2: smoothing",
+       choices=(0, 1, 2), **INT),
     _o("--metric -M", "IQ", ["psnr", "ssim"], "metrics", nargs="*", choices=METRICS),
     _o("--input_data -i", "ID", {"I": "test", "D": "train"}, "raw data set to read"),
     _o("--output_dir -O", "I", "infer", "folder of denoised images"),

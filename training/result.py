@@ -128,6 +128,7 @@ def make_model(settings: Settings) -> torch.nn.Module:
         raise ToolError(str(e), 2) from e
     if model.net.family == "K":
         model.transfer = settings.transfer
+        model.bilateral, model.learns_last_steps = settings.get("bilateral") or 0, True
     return model
 
 

@@ -217,8 +217,8 @@ def _derive_model(v: dict[str, Any]) -> None:
         if other or v["main_feature"] not in ("hdr", "ldr"):
             raise ToolError(f"family K takes {' '.join(KERNEL_FEATURES)}, with hdr or ldr, not "
                             f"{' '.join(v['features'])}", USAGE)
-    elif v["drop_features"] or v["clip"]:
-        raise ToolError("--drop_features and --clip are options of family K", USAGE)
+    elif v["drop_features"] or v["clip"] or v.get("bilateral"):
+        raise ToolError("--drop_features, --clip and --bilateral are options of family K", USAGE)
 
 
 def _derive_rates(v: dict[str, Any]) -> None:

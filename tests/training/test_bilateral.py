@@ -3,6 +3,7 @@ import subprocess
 
 import numpy as np
 import pytest
+import torch
 
 from export import bilateral, kernel
 from export.graph import ModelError
@@ -10,8 +11,11 @@ from export.pixels import Frame
 from export.quantize import write_tensors
 from export.synthetic import noisy
 from export.tza import Reader
+from tests.training.test_kernel_train import RAW, TINY
 from tests.training.test_reference_core import GOLDEN, run
+from training import export, nets, train
 from training.imageio import write_pfm
+from training.result import Result, load_model
 
 SMOOTHS = GOLDEN / "kernel" / "weights.tza"
 
@@ -60,3 +64,28 @@ def test_other_values_are_refused(build, work):
     done = subprocess.run([build / "bin" / "oidnDenoise", "--hdr", "color.pfm", "-w", path, "-o",
                            "out.pfm"], cwd=work, capture_output=True, text=True)
     assert done.returncode != 0 and "weights.tza" in done.stderr
+
+
+@pytest.mark.parametrize("value", (kernel.SMOOTH, kernel.SMOOTH_AND_CORRECT))
+def test_gradients_pass_through_the_last_steps(value):
+    """What is trained is then what evaluation computes, and its gradients are not the filter's."""
+    torch.manual_seed(3)
+    model = nets.build(TINY, 0)
+    model.bilateral, model.learns_last_steps = value, True
+    x, g = torch.rand(2, 12, 32, 48), torch.randn(2, 3, 32, 48)
+    x[:, 9:11], x[:, 11] = 1, 0
+    assert torch.equal(model(x), model.eval()(x))
+    with_it = torch.autograd.grad((model.train()(x) * g).sum(), model.head0.bias)[0]
+    model.bilateral = 0
+    without = torch.autograd.grad((model(x) * g).sum(), model.head0.bias)[0]
+    assert with_it.isfinite().all() and not torch.allclose(with_it, without, rtol=0.02)
+
+
+def test_trained_through_the_last_steps(raw, work, fails):
+    args = [*RAW, "-D", str(raw), "-e", "2", "--bilateral", "2"]
+    train.main([*args, "-r", "k"])
+    assert load_model(Result("results", "k"))[0].bilateral == kernel.SMOOTH
+    export.main(["-r", "k", "--int8", "-o", "k.tza"])
+    assert kernel.load("k.tza").bilateral == kernel.SMOOTH
+    code, message = fails(train.main, [*args, "-r", "u", "-m", "unet:" + ",".join(["4"] * 15)])
+    assert code == 2 and "--bilateral" in message

@@ -73,7 +73,7 @@ def test_gradient_of_the_filter(monkeypatch):
     monkeypatch.setattr(kernel_filter, "CONSTANTS", [*kernel_filter.CONSTANTS[:-1], 0.0])
     images, heads = random_filter(1, 6, 9, torch.double, inside=True)
     assert torch.autograd.gradcheck(
-        lambda *q: kernel_filter.Fused.apply(*images, False, *q), heads)
+        lambda *q: kernel_filter.Fused.apply(*images, False, *q)[0], heads)
 
 
 @pytest.mark.parametrize("filtered", [kernel_filter.plain, kernel_filter.Fused.apply],
@@ -85,8 +85,8 @@ def test_closed_blend_weights_keep_a_gradient(filtered):
     def run(blend: torch.Tensor) -> torch.Tensor:
         first = torch.cat((heads[0][:, :26], blend, heads[0][:, 27:]), 1)
         q = [first, *heads[1:]]
-        return filtered(*images, True, *q) if filtered is not kernel_filter.plain else filtered(
-            q, *images)
+        return (filtered(*images, True, *q) if filtered is not kernel_filter.plain else filtered(
+            q, *images))[0]
 
     closed = torch.zeros_like(heads[0][:, :1], requires_grad=True)
     change = (run(closed + 1e3) - run(closed)).sum(1)  # what the coarser level would bring
@@ -102,12 +102,16 @@ def test_filter(both, n, h, w, kind):
     g = torch.randn(n, 3, h, w)
 
     def run():
-        out = kernel_filter.apply_filter(heads, *images)
-        return out, torch.autograd.grad((out * g).sum(), heads)
+        out, *last = kernel_filter.apply_filter(heads, *images)
+        assert not any(t.requires_grad for t in last)
+        return out, last, torch.autograd.grad((out * g).sum(), heads)
 
-    (out, grads), (plain, plain_grads) = both(run)
+    (out, last, grads), (plain, plain_last, plain_grads) = both(run)
     assert type(out.grad_fn).__name__ == "FusedBackward"
     torch.testing.assert_close(out, plain, rtol=1e-5, atol=1e-5)
+    torch.testing.assert_close(last[0], plain_last[0], rtol=1e-5, atol=1e-5)
+    apart = (last[1] - plain_last[1]).abs()
+    assert apart.max() <= 1 and apart.mean() < 0.01
     for a, b in zip(grads, plain_grads):
         close(a, b, 2e-5 if kind == torch.float else 0.02)
     q, a = (torch.cat([t.flatten() for t in ts]) for ts in (heads, grads))
@@ -120,11 +124,11 @@ def test_a_blend_that_left_its_range_comes_back():
     """Codes below 0 blend in no coarser level; where that is wrong they must be able to learn so. A
     network of 32000 steps had lost its two coarsest levels that way."""
     images, heads = random_filter(1, 16, 16)
-    target = kernel_filter.apply_filter(heads, *images).detach()
+    target = kernel_filter.apply_filter(heads, *images)[0].detach()
     with torch.no_grad():
         heads[2][:, 26] = -3.0
     for _ in range(200):
-        loss = (kernel_filter.apply_filter(heads, *images) - target).abs().mean()
+        loss = (kernel_filter.apply_filter(heads, *images)[0] - target).abs().mean()
         g, = torch.autograd.grad(loss, heads[2])
         with torch.no_grad():
             heads[2][:, 26] -= 0.1 * g[:, 26].sign()
@@ -135,7 +139,7 @@ def test_numbers_that_are_none_come_through(both):
     """So that a training that diverges is seen to do so."""
     images, heads = random_filter(1, 16, 16)
     heads[0].data[0, 3, 8, 8] = torch.nan
-    out, plain = both(lambda: kernel_filter.apply_filter(heads, *images))
+    out, plain = both(lambda: kernel_filter.apply_filter(heads, *images)[0])
     assert out.isnan().any() and torch.equal(out.isnan(), plain.isnan())
     a, b = torch.zeros(1, 3, 8, 9), torch.zeros(1, 3, 8, 9)
     a[0, 1, 2, 3] = torch.nan

@@ -39,8 +39,8 @@ def test_filter_of_torch_equals_the_reference(bilateral, clipped, has_normal):
     expected = kernel.apply_filter(codes, radiance, albedo, guide_of(inputs), bilateral, clipped)
     heads = [torch.from_numpy(c.transpose(2, 0, 1)[None].astype(np.float32) / 16) for c in codes]
     batch = [*(tensor(a) for a in (radiance, albedo)), torch.ones(1, 1, 32, 48)]
-    got = kernel_filter.apply_filter(heads, *batch)
-    got = kernel_filter.smooth_result(got, heads[0], *batch, tensor(inputs.astype(np.float32)),
+    filtered = kernel_filter.apply_filter(heads, *batch)
+    got = kernel_filter.smooth_result(*filtered, batch[0], tensor(inputs.astype(np.float32)),
                                       bilateral)
     np.testing.assert_allclose(picture(got), expected, rtol=2e-4)
 

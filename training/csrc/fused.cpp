@@ -12,7 +12,7 @@ namespace
 {
 
 using torch::Tensor;
-using Constants6 = std::array<double, 6>;
+using FilterConstants = std::array<double, 8>;
 constexpr auto kLast = at::MemoryFormat::ChannelsLast;
 
 #define FOR_FLOATS(TENSOR, ...)                                                                    \
@@ -52,11 +52,11 @@ auto batch(const std::vector<Tensor> &heads, const Tensor &radiance, const Tenso
 }
 
 template <typename Q, typename F>
-void for_images(const Batch<Q, Arithmetic<Q>> &b, const Constants6 &c, bool whole,
+void for_images(const Batch<Q, Arithmetic<Q>> &b, const FilterConstants &c, bool whole,
                 const Tensor &radiance, Tensor kept, F f)
 {
     using T = Arithmetic<Q>;
-    const Constants<T> k{{c[0], whole}, c[1], c[2], c[3], c[4], c[5]};
+    const Constants<T> k{{c[0], whole}, c[1], c[2], c[3], c[4], c[5], c[6], c[7]};
     at::parallel_for(0, radiance.size(0), 1, [&](int64_t begin, int64_t end) {
         Tape<T> tape(radiance.size(2), radiance.size(3));
         std::vector<T> work(tape.size);
@@ -67,25 +67,27 @@ void for_images(const Batch<Q, Arithmetic<Q>> &b, const Constants6 &c, bool whol
     });
 }
 
-// {result, tape}
+// {result, tape, [N,4,H,W]: what multiplied the result, and the noise codes}
 std::vector<Tensor> filter(std::vector<Tensor> heads, Tensor radiance, Tensor albedo, Tensor has,
-                           Constants6 constants, bool whole)
+                           FilterConstants constants, bool whole)
 {
     Tensor out = torch::empty_like(radiance, at::MemoryFormat::Contiguous), kept;
+    Tensor last = torch::empty({out.size(0), 4, out.size(2), out.size(3)}, out.options());
     FOR_MAPS(heads[0], [&] {
         using T = Arithmetic<scalar_t>;
         auto b = batch<scalar_t>(heads, radiance, albedo, has);
         b.out = out.data_ptr<T>();
+        b.last = last.data_ptr<T>();
         kept = torch::empty({out.size(0), Tape<T>(out.size(2), out.size(3)).kept}, out.options());
         for_images<scalar_t>(b, constants, whole, radiance, kept,
                              [](auto image) { image.forward(); });
     });
-    return {out, kept};
+    return {out, kept, last};
 }
 
 // Gradients of the heads.
 std::vector<Tensor> filter_backward(std::vector<Tensor> heads, Tensor radiance, Tensor albedo,
-                                    Tensor has, Tensor kept, Tensor gout, Constants6 constants,
+                                    Tensor has, Tensor kept, Tensor gout, FilterConstants constants,
                                     bool whole)
 {
     std::vector<Tensor> gradients;

@@ -60,6 +60,7 @@ template <typename T> struct Tape {
 template <typename T> struct Constants {
     Codes<T> codes;
     double eps, radiance_max, confidence, blend; // the last two are added to the logits
+    double noise_gain, noise_eps;                // of the noise codes
     double least_slope;                          // of a blend weight by its logit, in gradients
 };
 
@@ -75,7 +76,7 @@ template <typename Q, typename T> struct Batch {
     std::array<Q *, kLevels> gradients;
     std::array<int64_t, kLevels> channels;
     Pictures<T> radiance, albedo, has, gout;
-    T *out;
+    T *out, *last; // the result; what multiplied it, and the noise codes, in one more plane
 };
 
 template <typename Q, typename T> struct Image {
@@ -238,7 +239,31 @@ template <typename Q, typename T> struct Image {
 #pragma GCC ivdep
                 for (int64_t x = 0; x < w; x++)
                     to[x] = out[x] * smooth[x];
+                std::copy_n(smooth, w, b.last + ((n * 4 + c) * h + y) * w);
             }
+        for (int64_t y = 0; y < h; y++)
+            noise(y, b.last + ((n * 4 + 3) * h + y) * w);
+    }
+
+    // How far the demodulated input is from its 5x5 means, relative to them.
+    void noise(int64_t y, T *to)
+    {
+        const Level<T> &l = t.levels[0];
+        const T *c = l.v.row(0, y), *sum = l.s.row(0, y), *v[3], *s[3];
+        for (int j = 0; j < 3; j++) {
+            v[j] = l.v.row(j + 1, y);
+            s[j] = l.s.row(j + 1, y);
+        }
+#pragma GCC ivdep
+        for (int64_t x = 0; x < w; x++) {
+            T apart = 0, mean = 0;
+            for (int j = 0; j < 3; j++) {
+                apart += std::abs(v[j][x] / c[x] - s[j][x] / sum[x]);
+                mean += s[j][x] / sum[x];
+            }
+            const T code = std::floor(T(k.noise_gain) * (apart / (mean + T(k.noise_eps))) + T(0.5));
+            to[x] = std::min(code, T(255));
+        }
     }
 
     // gs of a level from its gout, the gradient of its blend logits, and gout of the next level.
