@@ -34,6 +34,7 @@ from training.dead import REVIVED_UNTIL, Channels, report, revive
 from training.errors import DATA, INTERRUPTED, STATE, ToolError
 from training.integer_stage import quantize_aware
 from training.loss import balance, make_loss
+from training.narrow import narrowed
 from training.optimizer import Optimizer
 from training.result import Result, load_model, load_tensors, make_model, read_weights
 from training.scan import scan
@@ -77,7 +78,10 @@ def worker(settings: Settings, team: parallel.Team) -> None:
     torch.manual_seed(settings.seed)
     model = make_model(settings).to(team.device, memory_format=torch.channels_last)
     if settings.init and not resuming:
-        load_tensors(model, initial_weights(settings), settings.init)
+        weights, cut = narrowed(model, initial_weights(settings))
+        load_tensors(model, weights, settings.init)
+        if cut:
+            say(f"Channels of {settings.init} that weigh most: {', '.join(cut)}")
     params = list(model.parameters())
     ema = [p.detach().clone() for p in params] if settings.ema > 0 else []
     optimizer = Optimizer(params, settings.learning_rate, settings.optimizer)
