@@ -97,17 +97,20 @@ def calibration_input(images: dict[str, np.ndarray], content: str = "hdr") -> np
     return codes.astype(np.float32) / np.float32(255)
 
 
-def varied(images: dict[str, np.ndarray], i: int) -> tuple[dict[str, np.ndarray], str]:
-    """Calibration picture number i and its content: features are left out by turns, some clip."""
-    absent = ((), (), ("normal",), ("albedo", "normal"))[i % 4]
+def varied(images: dict[str, np.ndarray], i: int,
+           all_features: bool = False) -> tuple[dict[str, np.ndarray], str]:
+    """Calibration picture number i and its content: features are left out by turns, some clip.
+
+    all_features: none are, for a model that has seen no others."""
+    absent = () if all_features else ((), (), ("normal",), ("albedo", "normal"))[i % 4]
     frame = {f: image for f, image in images.items() if f not in absent}
     if i % 6 == 5:
         return frame | {"color": np.minimum(frame["color"], 1.0)}, "ldr"
     return frame, "hdr"
 
 
-def calibration_set(folder: Path, count: int) -> list[np.ndarray]:
-    """Inputs from `count` groups of a data set, evenly spread; features and content change."""
+def calibration_set(folder: Path, count: int, all_features: bool = False) -> list[np.ndarray]:
+    """Inputs from `count` groups of a data set, evenly spread, as of `varied`."""
     from training.features import load
     from training.scan import scan
     groups = sorted(scan(folder, ["hdr", "alb", "nrm"]).groups, key=lambda g: g.name)
@@ -115,7 +118,7 @@ def calibration_set(folder: Path, count: int) -> list[np.ndarray]:
     for i, group in enumerate(groups[::max(len(groups) // count, 1)][:count]):
         images = load(group.inputs[i % len(group.inputs)], ["hdr", "alb", "nrm"])
         frame = {"color": images["hdr"], "albedo": images["alb"], "normal": images["nrm"]}
-        inputs.append(calibration_input(*varied(frame, i)))
+        inputs.append(calibration_input(*varied(frame, i, all_features)))
     return inputs
 
 
@@ -141,6 +144,8 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("output", type=Path)
     parser.add_argument("--data", type=Path, required=True, help="calibration images")
     parser.add_argument("--count", type=int, default=12, help="how many of its groups (12)")
+    parser.add_argument("--all_features", action="store_true",
+                        help="leave none of the features out: for models trained so")
     parser.add_argument("--words", type=float, default=OPTIONS.words, metavar="E", help="squared "
                         "error of codes, in that of their own rounding, that a layer may have more "
                         "for sums in words (%(default)g; 0: no such sums)")
@@ -148,7 +153,7 @@ def main(argv: list[str] | None = None) -> int:
     try:
         tensors = read_tensors(args.input)
         model = kernel.FloatTrunk(kernel.find_trunk(tensors, str(args.input)), tensors)
-        inputs = calibration_set(args.data, args.count)
+        inputs = calibration_set(args.data, args.count, args.all_features)
         made = KernelQuantizer(model, inputs, replace(OPTIONS, words=args.words)).run()
         made.bilateral = kernel.bilateral_of(tensors, str(args.input))
         write_tensors(args.output, tensors_of(made))

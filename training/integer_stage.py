@@ -93,7 +93,7 @@ def kernel_input(codes: np.ndarray, settings: Settings, index: int) -> np.ndarra
         images[FEATURES[feature]] = (part * 2 - 1 if feature == "nrm" else part).astype(np.float32)
     if settings.main_feature == "ldr":
         return calibration_input(images, "ldr")
-    return calibration_input(*varied(images, index))
+    return calibration_input(*varied(images, index, not settings.get("drop_features")))
 
 
 def calibration_pictures(settings: Settings, count: int = CALIBRATION,

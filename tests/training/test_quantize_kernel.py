@@ -8,7 +8,13 @@ import pytest
 from export import golden_kernel, kernel, quantize_kernel
 from export.bounds import Bound, word_groups
 from export.dequantize import float_tensors
-from export.quantize_kernel import OPTIONS, KernelQuantizer, calibration_input, tensors_of
+from export.quantize_kernel import (
+    OPTIONS,
+    KernelQuantizer,
+    calibration_input,
+    tensors_of,
+    varied,
+)
 from export.reference import IntLayer, unsafe_pairs
 from export.synthetic import noisy
 from export.tza import Reader
@@ -89,7 +95,7 @@ def test_training_as_integers_keeps_what_fits_words(by_words):
 
 
 def test_an_integer_model_is_rounded_anew(tmp_path, monkeypatch):
-    monkeypatch.setattr(quantize_kernel, "calibration_set", lambda folder, count: INPUTS)
+    monkeypatch.setattr(quantize_kernel, "calibration_set", lambda *settings: INPUTS)
     out = tmp_path / "again.tza"
     assert quantize_kernel.main([str(MODEL), str(out), "--data", "-", "--words", "0"]) == 0
     tensors = dict(Reader(out))
@@ -127,3 +133,10 @@ def test_pairs_of_a_head_with_odd_inputs(words, monkeypatch):
         again = kernel.int_trunk(tensors_of(net), "odd")  # as a loader reads it
         assert len(again.layers) == len(net.layers)
     assert tight, "the weights are too small to tell"
+
+
+def test_models_of_all_features_are_calibrated_with_all():
+    images = dict(zip(("color", "albedo", "normal"), np.ones((3, 4, 4, 3), np.float32)))
+    kept = {len(varied(images, i)[0]) for i in range(12)}
+    assert kept == {1, 2, 3} and {len(varied(images, i, True)[0]) for i in range(12)} == {3}
+    assert [varied(images, i, True)[1] for i in (4, 5)] == ["hdr", "ldr"]
