@@ -63,6 +63,7 @@ def worker(settings: Settings, team: parallel.Team) -> None:
     say = print if team.rank == 0 else (lambda *a, **k: None)
     say(f"PyTorch: {torch.__version__}")
     say(f"Device: {team.device} x {team.world}")
+    torch.set_flush_denormal(True)  # dead channels' momenta: products with them take far longer
     result = Result(settings.results_dir, settings.result)
     resuming = result.exists()
     if resuming:

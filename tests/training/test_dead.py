@@ -39,6 +39,17 @@ def test_dead_channels_are_warned_of_and_revived(raw, work, capsys, monkeypatch,
     assert (Result("results", "b").load()["model_state"][f"{layer}.bias"] > -1).all()
 
 
+def test_numbers_too_small_to_be_normal_are_zero(raw, work):
+    """The momenta of dead channels end among them, and an epoch took a third longer than the one
+    before, and so on."""
+    try:
+        train.main(["hdr", "--raw", "-D", str(raw), "-t", "train", "-v", "valid", "-s", "3", "-m",
+                    "k8", "-b", "4", "--ts", "16", "-j", "0", "-d", "cpu", "-e", "1", "-r", "a"])
+        assert float(torch.tensor(1e-38) * 0.01) == 0
+    finally:
+        torch.set_flush_denormal(False)
+
+
 @pytest.mark.parametrize("model", ["unet:" + ",".join(["8"] * 15), "k8"])
 def test_a_layer_that_is_dead_as_a_whole_comes_back(model):
     """And every layer that reads it is told, but hardly changes what it gives."""
