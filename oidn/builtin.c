@@ -77,7 +77,7 @@ static unsigned usable_features(const builtin *b, unsigned features)
 }
 
 /* How well a model suits, by what matters most: images used, then content, then the state of the
- * auxiliary images, then quality. 0: not at all. */
+ * auxiliary images, then quality, then whether it is for just these images. 0: not at all. */
 static unsigned rate(const builtin *b, const lull_frame *frame, bool clean_aux, unsigned quality)
 {
     const unsigned used = usable_features(b, frame->features);
@@ -86,8 +86,6 @@ static unsigned rate(const builtin *b, const lull_frame *frame, bool clean_aux, 
     if (!used)
         return 0;
     score += 1000 * count_bits(used);
-    if (b->features == used)
-        score += 400; /* trained for just this image */
     if (b->contents >> frame->content & 1)
         score += 200;
     else if (b->contents & HDR)
@@ -98,6 +96,8 @@ static unsigned rate(const builtin *b, const lull_frame *frame, bool clean_aux, 
         score += 10;
     else if (quality != BALANCED && (b->qualities & BALANCED))
         score += 5;
+    if (b->features == used)
+        score += 1; /* trained for just these images */
     return score;
 }
 

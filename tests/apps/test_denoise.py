@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,6 +22,7 @@ def frame(work):
     return images
 
 
+WEIGHTS = Path(__file__).parents[2] / "weights"
 ALL = ("--hdr", "color.pfm", "--alb", "albedo.pfm", "--nrm", "normal.pfm")
 
 
@@ -64,6 +66,22 @@ def test_json_of_a_failure(denoise, work):
     done = denoise("--hdr", 'no"\\such.pfm', "--json")
     assert done.code == 2
     assert done.json["exit_code"] == 2 and 'no"\\such.pfm' in done.json["error"]
+
+
+SETS = {"hdr alb nrm": ALL, "hdr alb": ALL[:4], "hdr": ALL[:2], "hdr nrm": ALL[:2] + ALL[4:],
+        "ldr alb nrm": ("--ldr", "color.pfm", *ALL[2:]), "alb": ("--alb", "albedo.pfm")}
+CHOSEN = {"high": "kernel5_32", "balanced": "kernel5_12", "fast": "kernel5_8"}
+
+
+@pytest.mark.parametrize("images", SETS)
+@pytest.mark.parametrize("quality", CHOSEN)
+def test_which_model_is_built_in_for_what(denoise, frame, quality, images):
+    """The one that weights/builtin.def names for the quality and the images that there are."""
+    chosen = denoise(*SETS[images], "-q", quality, "-o", "a.pfm", "--json")
+    file = WEIGHTS / f"{CHOSEN[quality]}.tza"
+    given = denoise(*SETS[images], "-w", file, "-o", "b.pfm", "--json")
+    assert (chosen.code, given.code) == (0, 0)
+    assert chosen.json["runs"][0]["hash"] == given.json["runs"][0]["hash"]
 
 
 # Every option under every name, with a value that must be accepted.

@@ -80,6 +80,7 @@ def test_shipped_models_are_told_without_files(info):
         assert from_file | {"file": m["file"]} == m
         assert (m["width"], m["height"]) == (1920, 1080)
         assert m["file_bytes"] == (root / m["file"]).stat().st_size and m["plan_bytes"] > 1e6
+    assert sum(m["file_bytes"] for m in models) <= 900e3
     text = info().out
     assert all(f"{name}: kernel5, " in text for name in names) and "MB of working memory" in text
 
