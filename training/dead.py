@@ -14,6 +14,8 @@ import sys
 import torch
 from torch import Tensor, nn
 
+from training.nets import users
+
 STEPS = 50           # at least so many make a judgement
 REVIVED_UNTIL = 0.7  # share of a training after which channels stay as they are
 FAINT = 0.1          # weights of what a revived channel feeds, relative to those of a fresh layer
@@ -78,19 +80,8 @@ def revive(model: nn.Module, dead: dict[str, Tensor], seed: int) -> None:
         which, conv = dead[layer.name].nonzero().flatten(), getattr(model, layer.name)
         conv.weight[which] = fresh(conv.weight[which], math.sqrt(2 / conv.weight[0].numel()))
         conv.bias[which] = 0.0
-        for user, first in inputs_of(model, layer.name):
+        for name, is_second in users(model, layer.name):
+            user = getattr(model, name)
+            first = user.in_channels - conv.out_channels if is_second else 0
             size = FAINT / math.sqrt(user.weight[0].numel())
             user.weight[:, first + which] = fresh(user.weight[:, first + which], size)
-
-
-def inputs_of(model: nn.Module, name: str) -> list[tuple[nn.Conv2d, int]]:
-    """The convolutions that read a layer, and at which of their channels it begins."""
-    found = []
-    for user in [*model.net.layers, *getattr(model, "heads", [])]:
-        conv = getattr(model, user.name)
-        skip = getattr(user, "skip", None)
-        if user.source == name:
-            found.append((conv, 0))
-        if skip == name:
-            found.append((conv, conv.in_channels - getattr(model, name).out_channels))
-    return found

@@ -4,10 +4,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
-
-def convolutions(model: nn.Module) -> list:
-    """Of a model of nets.py in order of execution; each has name, source and skip."""
-    return model.convs if model.net.family == "K" else list(model.net.layers)
+from training.nets import convolutions, users
 
 
 def narrowed(model: nn.Module, tensors: dict[str, Tensor]) -> tuple[dict[str, Tensor], list[str]]:
@@ -24,16 +21,15 @@ def narrowed(model: nn.Module, tensors: dict[str, Tensor]) -> tuple[dict[str, Te
         have, want = len(out[f"{conv.name}.bias"]), getattr(model, conv.name).out_channels
         if have <= want:
             continue
-        users = [(f"{u.name}.weight", 0) for u in convs if u.source == conv.name] + [
-            (f"{u.name}.weight", len(out[f"{u.source}.bias"])) for u in convs
-            if u.skip == conv.name]
+        readers = [(f"{name}.weight", out[f"{name}.weight"].shape[1] - have if is_second else 0)
+                   for name, is_second in users(model, conv.name)]
         weighs = out[f"{conv.name}.weight"].flatten(1).norm(dim=1) * sum(
             out[name][:, first:first + have].transpose(0, 1).flatten(1).norm(dim=1)
-            for name, first in users)
+            for name, first in readers)
         kept = weighs.argsort(descending=True)[:want].sort().values
         for part in ("weight", "bias"):
             out[f"{conv.name}.{part}"] = out[f"{conv.name}.{part}"][kept]
-        for name, first in users:
+        for name, first in readers:
             total = out[name].shape[1]
             out[name] = out[name][:, torch.cat((torch.arange(first), first + kept,
                                                 torch.arange(first + have, total)))]

@@ -174,6 +174,19 @@ def from_tensors(tensors: dict) -> nn.Module:
     return model
 
 
+def convolutions(model: nn.Module) -> list:
+    """Layers, then heads, in order of execution; each has name and source, layers a skip."""
+    return [*model.net.layers, *getattr(model, "heads", [])]
+
+
+def users(model: nn.Module, name: str) -> list[tuple[str, bool]]:
+    """The convolutions that read a layer, and whether it is their second source (its channels are
+    then their last ones)."""
+    return [(conv.name, bool(is_second)) for conv in convolutions(model)
+            for is_second, source in enumerate((conv.source, getattr(conv, "skip", None)))
+            if source == name]
+
+
 def _tensor(value) -> Tensor:
     """fp32 copy of a tensor or of an array (which may be a read-only map of a file)."""
     return value.float() if isinstance(value, Tensor) else torch.from_numpy(np.array(value)).float()

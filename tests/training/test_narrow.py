@@ -5,7 +5,8 @@ import pytest
 import torch
 
 from training import nets, train
-from training.narrow import convolutions, narrowed
+from training.narrow import narrowed
+from training.nets import convolutions
 
 K_WIDTHS = [4, 6, 5, 4, 7, 8, 8, 6, 8, 9, 8, 7, 6, 4]
 U_WIDTHS = [5, 4, 6, 5, 7, 6, 8, 7, 6, 8, 7, 6, 5, 4, 6]
@@ -26,7 +27,7 @@ def wider(model: torch.nn.Module, more: dict[str, int]) -> dict[str, torch.Tenso
             grown[old] = value
             state[f"{layer}.{part}"] = grown
         for conv in convs:
-            for source, first in ((conv.source, 0), (conv.skip, None)):
+            for source, first in ((conv.source, 0), (getattr(conv, "skip", None), None)):
                 if source != layer:
                     continue
                 first = len(state[f"{conv.source}.bias"]) if first is None else first
