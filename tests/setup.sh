@@ -36,16 +36,18 @@ find_missing() {
     fi
 }
 
-# LLVM's shared library, with which Mitsuba renders the scenes (training/scenes/backend.py finds it).
+# LLVM's shared library, with which Mitsuba renders the scenes (training/scenes/backend.py finds it);
+# versions before 17 end it half-way.
 llvm_is_there() {
     for library in /usr/lib/*/libLLVM*.so* /usr/lib/llvm-*/lib/libLLVM*.so* /usr/local/lib/libLLVM*.so*; do
+        case $library in *LLVM*-1[0-6]* | *LLVM*-[3-9]*) continue ;; esac
         [ ! -e "$library" ] || return 0
     done
     return 1
 }
 
 llvm_package() { # the newest one that the distribution has
-    for version in 19 18 17 16 15 14; do
+    for version in 19 20 21 18 17; do
         if apt-cache show "libllvm$version" >/dev/null 2>&1; then
             echo "libllvm$version"
             return

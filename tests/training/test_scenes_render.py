@@ -11,8 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from training.errors import ToolError
 from training.imageio import read_image
 from training.scan import list_versions
+from training.scenes import backend
 
 pytest.importorskip("mitsuba", reason="optional: the package mitsuba is not installed")
 
@@ -163,6 +165,20 @@ def test_wrong_options(root, tmp_path, extra, code, word):
 def test_missing_llvm(root, tmp_path, monkeypatch):
     monkeypatch.setenv("DRJIT_LIBLLVM_PATH", str(tmp_path / "libLLVM.so"))
     one_line(command(root, "render", tmp_path / "out", *SMALL), 6, "DRJIT_LIBLLVM_PATH")
+
+
+def test_llvm_is_new_enough(tmp_path, monkeypatch):
+    """The newest is taken; where all are too old Mitsuba would end the process half-way."""
+    monkeypatch.setattr(backend, "_LLVM_PLACES", (str(tmp_path / "libLLVM*.so*"),))
+    (tmp_path / "libLLVM.so").write_text("")
+    assert backend.find_llvm() is None
+    for name in ("libLLVM-14.so.1", "libLLVM-15.so"):
+        (tmp_path / name).write_text("")
+    with pytest.raises(ToolError, match="libLLVM-15.so: too old") as error:
+        backend.find_llvm()
+    assert error.value.code == 6
+    (tmp_path / "libLLVM.so.19.1").write_text("")
+    assert backend.find_llvm() == str(tmp_path / "libLLVM.so.19.1")
 
 
 def test_unwritable_output(root, tmp_path):

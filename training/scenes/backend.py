@@ -17,6 +17,7 @@ _LLVM_PLACES = (
     "/usr/local/lib/libLLVM*.so*",
     "/opt/homebrew/opt/llvm/lib/libLLVM*.dylib",
 )
+OLDEST_LLVM = 17  # older ones end the process at `fmaximum`, which Dr.Jit uses on x86
 
 
 def _llvm_rank(path: str) -> tuple[int, int]:
@@ -28,10 +29,16 @@ def _llvm_rank(path: str) -> tuple[int, int]:
 
 
 def find_llvm() -> str | None:
-    """Path of the newest LLVM shared library (major version >= 11), or None."""
+    """Path of the newest LLVM shared library, or None; raises ToolError if all are too old."""
     found = [p for place in _LLVM_PLACES for p in glob.glob(place) if os.path.isfile(p)]
-    found = [p for p in found if -_llvm_rank(p)[0] >= 11]
-    return min(found, key=_llvm_rank) if found else None
+    found = [p for p in found if _llvm_rank(p)[0]]  # of a known version
+    if not found:
+        return None
+    newest = min(found, key=_llvm_rank)
+    if -_llvm_rank(newest)[0] < OLDEST_LLVM:
+        raise ToolError(f"{newest}: too old, Mitsuba needs LLVM {OLDEST_LLVM} or newer (Debian: "
+                        "libllvm19; DRJIT_LIBLLVM_PATH names a library)", DEPENDENCY)
+    return newest
 
 
 def load(variant: str = "llvm_ad_rgb", threads: int = 0) -> ModuleType:
