@@ -138,6 +138,17 @@ uint32_t lull_cpu_ports(void)
     return ports;
 }
 
+unsigned lull_cpu_adds_beside(void)
+{
+#if LULL_ARCH_X86 && defined(__GNUC__)
+    uint32_t a, b, c, d;
+    return __get_cpuid(0, &a, &b, &c, &d) && b == signature_AMD_ebx && c == signature_AMD_ecx &&
+           d == signature_AMD_edx;
+#else
+    return 0;
+#endif
+}
+
 void lull_cpu_request(void)
 {
 #if LULL_ARCH_X86 && defined(__GNUC__) && defined(__linux__) && defined(__x86_64__)

@@ -10,6 +10,11 @@
  * use them everywhere. */
 uint32_t lull_cpu_ports(void);
 
+/* 1: the CPU's vector units add while others of them multiply (AMD's; x86 of other makers adds in
+ * the units that multiply). There points cost less than the products that they save (patches.h),
+ * also beside VNNI. Has no influence on results. */
+unsigned lull_cpu_adds_beside(void);
+
 /* lull_ports_request. */
 void lull_cpu_request(void);
 

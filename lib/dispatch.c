@@ -44,6 +44,7 @@ uint32_t lull_ports_up_to(const char *name, size_t length)
 void lull_kernels_fill(lull_kernels *kernels, uint32_t ports)
 {
     memset(kernels, 0, sizeof *kernels);
+    kernels->adds_beside = lull_cpu_adds_beside();
     ports = (ports & lull_cpu_ports()) | LULL_PORTS_SCALAR;
     for (unsigned i = 0; i < PORT_COUNT; i++)
         if (ports >> i & 1)

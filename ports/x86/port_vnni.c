@@ -6,7 +6,7 @@ void lull_port_vnni(lull_kernels *kernels)
     kernels->block_int = 16;
     kernels->conv_int = lull_conv_int_vnni;
     kernels->conv_int3 = lull_conv_int3_vnni;
-    kernels->patches_u = LULL_PATCHES_WIDE; /* points of others cost more than they save */
+    kernels->patches_u = kernels->adds_beside ? LULL_PATCHES_OWN : LULL_PATCHES_WIDE;
     kernels->patches_k = LULL_PATCHES_NONE;
     kernels->points_int = lull_points_int_vnni;
 }
