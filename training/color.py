@@ -116,9 +116,10 @@ def _hable(x):
     return (x * (a * x + c * b) + d * e) / (x * (a * x + b) + d * f) - e / f
 
 
-def tonemap(image: np.ndarray) -> np.ndarray:
+def tonemap(image):
     """Exposed radiance -> display-linear [0,1] (Hable's curve with 0.18 -> 0.18, white 11.2)."""
-    return np.clip(_hable(np.clip(image, 0.0, None) * 1.758141) / _hable(11.2), 0.0, 1.0)
+    m = _lib(image)
+    return m.clip(_hable(m.clip(image, 0.0, None) * 1.758141) / _hable(11.2), 0.0, 1.0)
 
 
 def display(image: np.ndarray, exposure: float = 1.0) -> np.ndarray:

@@ -10,7 +10,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from training import fused
+from training import color, fused
 from training.pointwise import L1Grad
 
 STANDARD_WEIGHTS = (0.0448, 0.2856, 0.3001, 0.2363, 0.1333)  # MS-SSIM exponents, Wang 2003
@@ -18,6 +18,7 @@ RT_WEIGHTS = (0.2,) * 5
 TAPS, SIGMA, K1, K2 = 11, 1.5, 0.01, 0.03
 
 
+LEAST_MSE = 1e-6  # of what counts as exact: 60 dB
 LEAST_NOISE, USUAL_NOISE = 0.005, 0.05  # mean differences of codes of input and target
 
 
@@ -117,8 +118,27 @@ def msssim_value(a: Tensor, b: Tensor, weights=STANDARD_WEIGHTS, peak: float = 1
     return result.mean()
 
 
-def make_loss(name: str, msssim_weights=None) -> Callable[[Tensor, Tensor], Tensor]:
-    """The loss called `name`; msssim_weights: exponents of the scales, finest first."""
+def log_mse(a: Tensor, b: Tensor, transfer: str) -> Tensor:
+    """Mean over the images of ln(1 + mse / LEAST_MSE) / 2: what a mean of PSNRs measures, so that
+    every image counts alike, however noisy, and its pixels by their expectation.
+
+    mse: of the values that a screen shows, and of a and b themselves, for what is brighter than its
+    white. transfer: that of a and b.
+    """
+    def shown(x: Tensor) -> Tensor:
+        if transfer in ("srgb", "linear"):
+            return x
+        return color.srgb_forward(color.tonemap(color.TRANSFERS[transfer].inverse(x)))
+
+    a, b = a.float(), b.float()
+    mse = (shown(a) - shown(b)).square().mean((1, 2, 3)) + (a - b).square().mean((1, 2, 3))
+    return 0.5 * torch.log1p(mse / LEAST_MSE).mean()
+
+
+def make_loss(name: str, msssim_weights=None,
+              transfer: str = "pu") -> Callable[[Tensor, Tensor], Tensor]:
+    """The loss called `name`; msssim_weights: exponents of the scales, finest first; transfer: that
+    of the images."""
     weights = tuple(msssim_weights or STANDARD_WEIGHTS)
 
     def ms(a, b):
@@ -130,10 +150,11 @@ def make_loss(name: str, msssim_weights=None) -> Callable[[Tensor, Tensor], Tens
         "msssim": ms,
         "l1_msssim": lambda a, b: 0.16 * l1(a, b) + 0.84 * ms(a, b),
         "l1_grad": l1_grad,
+        "log_mse": lambda a, b: log_mse(a, b, transfer),
     }
     if name not in table:
         raise ValueError(f"unknown loss '{name}' (known: {', '.join(table)})")
     return table[name]
 
 
-LOSSES = ("l1", "mape", "smape", "l2", "ssim", "msssim", "l1_msssim", "l1_grad")
+LOSSES = ("l1", "mape", "smape", "l2", "ssim", "msssim", "l1_msssim", "l1_grad", "log_mse")

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import torch
 
-from training import metrics
-from training.loss import (LOSSES, STANDARD_WEIGHTS, balance, l1_grad, make_loss, msssim_scales,
-                           msssim_value, ssim_value)
+from training import color, metrics
+from training.loss import (LEAST_MSE, LOSSES, STANDARD_WEIGHTS, balance, l1_grad, make_loss,
+                           msssim_scales, msssim_value, ssim_value)
 
 
 def pair(size=64, seed=0):
@@ -89,6 +89,21 @@ def test_every_loss_is_zero_for_equals_and_has_finite_gradients(name, size):
     opposite = (1 - b).requires_grad_()  # SSIM terms below zero
     loss(opposite, b).backward()
     assert torch.isfinite(opposite.grad).all()
+
+
+def test_log_mse_is_what_psnr_measures():
+    """Where codes and what is shown are the same: the mean PSNR but for a factor and the two parts;
+    with a transfer function, the mean of squares of both."""
+    a, b = pair()
+    loss = float(make_loss("log_mse", transfer="srgb")(a, b))
+    mean = np.mean([metrics.psnr(x, y) for x, y in zip(a.numpy(), b.numpy())])
+    assert loss == pytest.approx(
+        0.5 * np.log(2 / LEAST_MSE) - mean * np.log(10) / 20, rel=1e-3)
+    shown = [color.display(color.pu_inverse(x.numpy())) for x in (a, b)]
+    mse = [metrics.mse(s, t) + metrics.mse(x, y)
+           for s, t, x, y in zip(*shown, a.numpy(), b.numpy())]
+    assert float(make_loss("log_mse")(a, b)) == pytest.approx(
+        np.mean(np.log1p(np.array(mse) / LEAST_MSE)) / 2, rel=1e-4)
 
 
 def test_weights_of_msssim_matter():
