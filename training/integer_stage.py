@@ -33,6 +33,7 @@ from training.errors import STATE, USAGE, ToolError
 from training.features import encode
 from training.imageio import replacing
 from training.kernel_integer import IntegerKernel
+from training.loss import make_loss
 from training.quantize_aware import IntegerNet, fine_tune, held_out, judge
 from training.result import Result, load_model
 from training.scan import CHANNELS, scan
@@ -179,12 +180,12 @@ def quantize_aware(result: Result, settings: Settings, pictures: list[Picture],
             torch.save({"same": same, "tensors": tensors, **stage}, tmp)
 
     kept: dict = {}
-    held = held_out(batches)
-    tuned = fine_tune(net, batches, held, s.quantize_aware, s.quantize_rate, s.loss, say, state,
+    held, loss = held_out(batches), make_loss(s.loss, s.msssim_weights, s.transfer)
+    tuned = fine_tune(net, batches, held, s.quantize_aware, s.quantize_rate, loss, say, state,
                       lambda stage: (kept.update(stage), save(stage)))
     say(f"Integer model: loss {tuned.least:.6f} on tiles held out, that of step {tuned.step}; "
         f"without training {tuned.before:.6f}, in floating point "
-        f"{judge(original, held, s.loss):.6f}")
+        f"{judge(original, held, loss):.6f}")
     arrays = tensors_of_model(net.integer_model())
     save(kept or state, {k: torch.from_numpy(np.array(v)) for k, v in arrays.items()})
 

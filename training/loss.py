@@ -16,7 +16,7 @@ from training.pointwise import L1Grad
 STANDARD_WEIGHTS = (0.0448, 0.2856, 0.3001, 0.2363, 0.1333)  # MS-SSIM exponents, Wang 2003
 RT_WEIGHTS = (0.2,) * 5
 TAPS, SIGMA, K1, K2 = 11, 1.5, 0.01, 0.03
-
+Loss = Callable[[Tensor, Tensor], Tensor]  # of outputs and targets
 
 LEAST_MSE = 1e-6  # of what counts as exact: 60 dB
 LEAST_NOISE, USUAL_NOISE = 0.005, 0.05  # mean differences of codes of input and target
@@ -136,7 +136,7 @@ def log_mse(a: Tensor, b: Tensor, transfer: str) -> Tensor:
 
 
 def make_loss(name: str, msssim_weights=None,
-              transfer: str = "pu") -> Callable[[Tensor, Tensor], Tensor]:
+              transfer: str = "pu") -> Loss:
     """The loss called `name`; msssim_weights: exponents of the scales, finest first; transfer: that
     of the images."""
     weights = tuple(msssim_weights or STANDARD_WEIGHTS)

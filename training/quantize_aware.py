@@ -37,7 +37,7 @@ from training import errors
 from training.data import Augment, Batches, from_raw
 from training.errors import DATA, STATE, USAGE, ToolError
 from training.kernel_filter import Clamp
-from training.loss import make_loss
+from training.loss import LOSSES, Loss, make_loss
 from training.scan import scan
 
 TRANSFERS = {"hdr": "pu", "ldr": "srgb", "srgb": "linear", "lightmap-hdr": "log"}
@@ -210,21 +210,19 @@ def held_out(batches: Batches) -> list[tuple[Tensor, Tensor]]:
 
 
 @torch.no_grad()
-def judge(net: nn.Module, held: Sequence[tuple[Tensor, Tensor]], loss: str) -> float:
+def judge(net: nn.Module, held: Sequence[tuple[Tensor, Tensor]], loss: Loss) -> float:
     """Mean loss of batches."""
-    criterion = make_loss(loss)
-    return sum(float(criterion(net(x), y)) for x, y in held) / len(held)
+    return sum(float(loss(net(x), y)) for x, y in held) / len(held)
 
 
 def fine_tune(net: nn.Module, batches: Batches, held: Sequence[tuple[Tensor, Tensor]], steps: int,
-              rate: float, loss: str, log=print, state: dict | None = None,
+              rate: float, loss: Loss, log=print, state: dict | None = None,
               save=lambda state: None) -> Tuned:
     """Adam on weights in units of their own steps; the rate falls to zero along a cosine. The net
     ends as it was when it did best on the batches `held`, which may be the beginning.
 
     state: what an earlier run gave to `save`, which gets it now and then and at the end.
     """
-    criterion = make_loss(loss)
     net.float().train()
     groups = [{"params": [p], "base": rate * (10 if name.endswith("bias") else 1)}
               for name, p in net.named_parameters()]
@@ -242,7 +240,7 @@ def fine_tune(net: nn.Module, batches: Batches, held: Sequence[tuple[Tensor, Ten
         for group in optimizer.param_groups:
             group["lr"] = group["base"] * (0.5 + 0.5 * math.cos(math.pi * step / steps))
         x, y = batches[step]
-        value = criterion(net(x), y)
+        value = loss(net(x), y)
         optimizer.zero_grad()
         value.backward()
         optimizer.step()
@@ -271,7 +269,7 @@ def main(argv: list[str]) -> None:
     add("-t", "--train_data", required=True, help="raw data set below the data folder")
     add("--steps", type=int, default=500)
     add("--rate", type=float, default=0.02, help="of learning, in weight steps (default 0.02)")
-    add("-l", "--loss", default="l1")
+    add("-l", "--loss", default="l1", choices=LOSSES)
     add("-b", "--batch_size", type=int, default=8)
     add("--tile_size", "--ts", type=int, default=64)
     add("--seed", type=int, default=1)
@@ -297,7 +295,8 @@ def main(argv: list[str]) -> None:
     batches = Batches(pictures, features, main_feature, transfer, args.batch_size, args.tile_size,
                       args.seed, Augment(exposure=1.0 if main_feature == "hdr" else 0.0))
     held = held_out(batches)
-    fine_tune(net, batches, held, args.steps, args.rate, args.loss)
+    loss = make_loss(args.loss, transfer=transfer)
+    fine_tune(net, batches, held, args.steps, args.rate, loss)
     try:
         write_integer(args.output, integer_tensors(net.integer_model()))
     except ValueError as e:

@@ -22,6 +22,7 @@ from training.imageio import read_image
 from training.integer_stage import (calibration_pictures, kernel_input, quantize,
                                     spread_codes)
 from training.kernel_integer import IntegerKernel
+from training.loss import l1
 from training.quantize_aware import fine_tune
 from training.result import Result, load_model
 from training.scan import scan
@@ -173,7 +174,7 @@ def test_integer_training_repairs_a_spoilt_model(raw):
         with torch.no_grad():
             return sum(float((net(x) - y).abs().mean()) for x, y in (teacher[900], teacher[901]))
     before = error()
-    fine_tune(net, teacher, [teacher[800]], 30, 0.5, "l1", log=lambda line: None)
+    fine_tune(net, teacher, [teacher[800]], 30, 0.5, l1, log=lambda line: None)
     assert error() < 0.8 * before
 
 

@@ -17,6 +17,7 @@ from export.tza import write_weights
 from tests.training.tools import TINY
 from training import nets, quantize_aware
 from training.errors import DATA, STATE, USAGE
+from training.loss import l1
 from training.quantize_aware import IntegerNet, fine_tune, rounded_weights
 
 GOLDEN = Path(__file__).resolve().parent.parent / "golden"
@@ -92,7 +93,7 @@ def test_training_repairs_a_spoilt_model():
 
     before = error(net.integer_model())
     teacher = Teacher(exact, inputs)
-    tuned = fine_tune(net, teacher, [teacher[k] for k in range(900, 908)], 60, 0.1, "l1",
+    tuned = fine_tune(net, teacher, [teacher[k] for k in range(900, 908)], 60, 0.1, l1,
                       log=lambda line: None)
     assert tuned.least < 0.8 * tuned.before and tuned.step > 0
     made = net.integer_model()
@@ -108,7 +109,7 @@ def test_training_that_spoils_a_model_leaves_it_as_it_was():
     model = Quantizer(exact, inputs, Options(samples=2000)).run()
     net, teacher = IntegerNet(model), Teacher(exact, inputs)
     losses = []
-    tuned = fine_tune(net, teacher, [teacher[9]], 5, 30.0, "l1", log=losses.append)
+    tuned = fine_tune(net, teacher, [teacher[9]], 5, 30.0, l1, log=losses.append)
     assert (tuned.step, tuned.least) == (0, tuned.before) and len(losses) == 1
     assert (net.integer_model().run(inputs[0]) == model.run(inputs[0])).all()
 
