@@ -135,8 +135,7 @@ def log_mse(a: Tensor, b: Tensor, transfer: str) -> Tensor:
     return 0.5 * torch.log1p(mse / LEAST_MSE).mean()
 
 
-def make_loss(name: str, msssim_weights=None,
-              transfer: str = "pu") -> Loss:
+def make_loss(name: str, msssim_weights=None, transfer: str = "pu") -> Loss:
     """The loss called `name`; msssim_weights: exponents of the scales, finest first; transfer: that
     of the images."""
     weights = tuple(msssim_weights or STANDARD_WEIGHTS)
