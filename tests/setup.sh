@@ -36,14 +36,9 @@ find_missing() {
     fi
 }
 
-# LLVM's shared library, with which Mitsuba renders the scenes (training/scenes/backend.py finds it);
-# versions before 17 end it half-way.
+# LLVM's shared library, new enough to render the scenes.
 llvm_is_there() {
-    for library in /usr/lib/*/libLLVM*.so* /usr/lib/llvm-*/lib/libLLVM*.so* /usr/local/lib/libLLVM*.so*; do
-        case $library in *LLVM*-1[0-6]* | *LLVM*-[3-9]*) continue ;; esac
-        [ ! -e "$library" ] || return 0
-    done
-    return 1
+    (cd "$root" && "$python" -c 'from training.scenes.backend import find_llvm; assert find_llvm()')
 }
 
 llvm_package() { # the newest one that the distribution has

@@ -122,6 +122,8 @@ def tonemap(image):
     return m.clip(_hable(m.clip(image, 0.0, None) * 1.758141) / _hable(11.2), 0.0, 1.0)
 
 
-def display(image: np.ndarray, exposure: float = 1.0) -> np.ndarray:
-    """Radiance -> sRGB [0,1] as metrics and previews see it."""
-    return srgb_forward(tonemap(np.asarray(image, np.float32) * np.float32(exposure)))
+def display(image, exposure: float = 1.0):
+    """Radiance -> sRGB [0,1] as metrics and previews see it; arrays in single precision."""
+    if _lib(image) is np:
+        image, exposure = np.asarray(image, np.float32), np.float32(exposure)
+    return srgb_forward(tonemap(image * exposure))

@@ -128,7 +128,7 @@ def log_mse(a: Tensor, b: Tensor, transfer: str) -> Tensor:
     def shown(x: Tensor) -> Tensor:
         if transfer in ("srgb", "linear"):
             return x
-        return color.srgb_forward(color.tonemap(color.TRANSFERS[transfer].inverse(x)))
+        return color.display(color.TRANSFERS[transfer].inverse(x))
 
     a, b = a.float(), b.float()
     mse = (shown(a) - shown(b)).square().mean((1, 2, 3)) + (a - b).square().mean((1, 2, 3))
