@@ -141,7 +141,7 @@ uint32_t lull_cpu_ports(void)
 unsigned lull_cpu_adds_beside(void)
 {
 #if LULL_ARCH_X86 && defined(__GNUC__)
-    uint32_t a, b, c, d;
+    uint32_t a = 0, b = 0, c = 0, d = 0; /* set: gcc 12 at -O1 warns otherwise */
     return __get_cpuid(0, &a, &b, &c, &d) && b == signature_AMD_ebx && c == signature_AMD_ecx &&
            d == signature_AMD_edx;
 #else
