@@ -7,7 +7,7 @@ import numpy as np
 
 from export import kernel
 from export.fold import FOLD
-from export.reference import NARROW_MAX, IntModel, int_model
+from export.reference import IntModel, Part, int_model
 
 # Of a 3x3 kernel's nine taps: the 16 of its four phases, and the least-squares way back.
 PHASES = np.einsum("pdy,qex->pqdeyx", FOLD, FOLD).reshape(16, 9)
@@ -21,9 +21,11 @@ def whole_kernels(weight: np.ndarray) -> np.ndarray:
     return (phases @ WHOLE.T).reshape(o, c, 3, 3)
 
 
-def scaled(weight: np.ndarray, step: np.ndarray, top: int, shift: int) -> np.ndarray:
-    """[O,I,k,k] integer weights on codes up to `top`, each worth step[I], as weights on values."""
-    return weight / step[:, None, None] * (2.0**-shift if top > NARROW_MAX else 1.0)
+def scaled(part: Part, step: np.ndarray, shift: int) -> np.ndarray:
+    """[O,I,3,3] weights on values for integer ones on codes, each worth step[I]."""
+    weight = part.weight.astype(np.float64)
+    weight = whole_kernels(weight) if part.up else weight
+    return weight / step[part.channels, None, None] * (2.0**-shift if part.wide else 1.0)
 
 
 def read_integer(tensors: Mapping[str, np.ndarray], file: str) -> IntModel:
@@ -56,11 +58,7 @@ def float_tensors(tensors: Mapping[str, np.ndarray], file: str) -> dict[str, np.
                 else 1 / x.out_max)
         steps[name] = np.full(x.outputs, step)
         unit = (x.scale.astype(np.float64) * step)[:, None, None, None]
-        source = whole_kernels(x.weight.astype(np.float64)) if x.layer.up else x.weight
-        parts = [scaled(source, steps[x.layer.source], x.source_max, x.shift)]
-        if x.skip is not None:
-            parts.append(scaled(x.skip, steps[x.layer.skip], x.skip_max, x.shift))
-        weight = unit * np.concatenate(parts, 1)
+        weight = unit * np.concatenate([scaled(p, steps[p.name], x.shift) for p in x.parts()], 1)
         out[f"{name}.weight"] = weight[:, :, 1:2, 1:2] if name in heads else weight
         out[f"{name}.bias"] = unit[:, 0, 0, 0] * x.bias
     return {k: v.astype(np.float32) for k, v in out.items()}

@@ -47,7 +47,8 @@ class Block:
 
 @dataclass(frozen=True)
 class Fit:
-    """A layer's weights as blocks: the source's and perhaps the skip's."""
+    """A layer's weights as blocks: the source's and perhaps the skip's, those of the network's
+    input perhaps in two: its wide channels, then its narrow ones."""
 
     layer: Layer
     outputs: int
@@ -67,8 +68,12 @@ class Fit:
         return np.concatenate([b.rows(self.outputs) for b in self.blocks], 1)
 
     def unrows(self, rows: np.ndarray) -> list[np.ndarray]:
+        """The source's weights, and the skip's if there is one."""
         ends = np.cumsum([b.weight.size // self.outputs for b in self.blocks])[:-1]
-        return [b.unrows(r) for b, r in zip(self.blocks, np.split(rows, ends, 1), strict=True)]
+        parts = [b.unrows(r) for b, r in zip(self.blocks, np.split(rows, ends, 1), strict=True)]
+        if not self.layer.skip:
+            return [np.concatenate(parts, 1)]
+        return [parts[0], np.concatenate(parts[1:], 1)]
 
     def _bound(self, of_kernel: Callable[[tuple], np.ndarray]) -> Bound:
         parts, first = [], 0
@@ -87,17 +92,20 @@ class Fit:
 
 
 def make_fit(layer: Layer, weight: np.ndarray, steps: Mapping[str, np.ndarray],
-             wide: Sequence[str], one_tap: bool = False) -> Fit:
+             wide: Sequence[str], one_tap: bool = False, aux: int = 0) -> Fit:
     """Blocks of a layer's float weights [O,I+J,3,3]; steps: value per code of each channel;
-    one_tap: Block's."""
+    one_tap: Block's; aux: channels of the network's input, the last ones, that are narrow."""
     weight = np.asarray(weight, np.float64)
-    split = len(steps[layer.source])
-    source = weight[:, :split] * steps[layer.source][:, None, None]
-    source = phase_kernels(source) if layer.up else source
-    blocks = [Block(source, layer.source in wide, one_tap)]
-    if layer.skip:
-        skip = weight[:, split:] * steps[layer.skip][:, None, None]
-        blocks.append(Block(skip, layer.skip in wide))
+    split, blocks = len(steps[layer.source]), []
+    for name, w in ((layer.source, weight[:, :split]), (layer.skip, weight[:, split:])):
+        if name is None:
+            continue
+        w = w * steps[name][:, None, None]
+        w = phase_kernels(w) if layer.up and name == layer.source else w
+        first = w.shape[1] - (aux if name == "input" else 0)
+        blocks.append(Block(w[:, :first], name in wide, one_tap))
+        if first < w.shape[1]:
+            blocks.append(Block(w[:, first:], False))
     return Fit(layer, len(weight), tuple(blocks))
 
 
@@ -137,7 +145,7 @@ def second_moments(fit: Fit, runs: Sequence[Mapping[str, np.ndarray]],
     """[K,K] mean of x x' over sampled pixels of all runs; codes as they are (shift 0)."""
     first = fit.blocks[0].weight[0].size
     phases = len(fit.blocks[0].weight) // fit.outputs
-    rest = fit.blocks[1].weight[0].size if len(fit.blocks) > 1 else 0
+    rest = sum(b.weight[0].size for b in fit.blocks[1:])
     size = first * phases + rest
     total, pixels = np.zeros((size, size)), 0
     for maps in runs:

@@ -16,7 +16,7 @@ import argparse
 import sys
 import tempfile
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +24,15 @@ import numpy as np
 from export.bounds import Bound, own_groups, pair_groups
 from export.graph import Layer, Net, read_nets
 from export.quantize import integer_tensors, write_integer
-from export.reference import MIDDLE_MAX, NARROW_MAX, WIDE_MAX, IntLayer, IntModel, load_model
+from export.reference import (
+    MAIN_CHANNELS,
+    MIDDLE_MAX,
+    NARROW_MAX,
+    WIDE_MAX,
+    IntLayer,
+    IntModel,
+    load_model,
+)
 
 ROOT = Path(__file__).resolve().parent.parent
 OUTPUTS = 3
@@ -43,7 +51,13 @@ class Case:
     shift: int             # of layers with wide and narrow inputs
     wide: tuple[str, ...] = ()  # layers with wide outputs beside the compulsory ones
     middle: tuple[str, ...] = ()  # and with 13-bit ones
+    narrow_aux: bool = False  # albedo and normals are narrow
     extreme: bool = False  # only the largest weights that are allowed, and inputs of 0 and 1
+
+
+    @property
+    def aux(self) -> int:
+        return self.inputs - MAIN_CHANNELS if self.narrow_aux else 0
 
 
 CASES = (
@@ -63,6 +77,11 @@ CASES = (
     Case("int_unet_3_patches_extreme", "unet", 16, 32, 3,
          (16, 48, 16, 16, 5, 4, 5, 6, 5, 48, 16, 16, 32, 48, 32), 3, middle=("dec_conv1a",),
          extreme=True),
+    Case("int_unet_9_aux", "unet", 16, 48, 9,
+         (32, 16, 32, 48, 7, 8, 5, 6, 8, 16, 32, 16, 16, 16, 16), 7, middle=("dec_conv1a",),
+         narrow_aux=True),
+    Case("int_unet_6_aux_extreme", "unet", 32, 16, 6,
+         (5, 9, 8, 3, 16, 5, 12, 9, 11, 8, 7, 10, 5, 17, 32), 15, narrow_aux=True, extreme=True),
     Case("int_unet_large_9_mixed", "unet_large", 32, 16, 9,
          (5, 7, 8, 6, 9, 7, 8, 11, 12, 5, 9, 7, 8, 6, 7, 5, 6, 7), 6),
     Case("int_unet_large_3_wide", "unet_large", 16, 16, 3,
@@ -89,16 +108,22 @@ def random_layer(rng: np.random.Generator, case: Case, net: Net, layer: Layer,
            for name in (layer.source, layer.skip, layer.name)}
     wide = {name: most > NARROW_MAX for name, most in top.items()}
     rows, k = (4 * o, 2) if layer.up else (o, 3)
-    weight = random_weights(rng, (rows, maps[layer.source].shape[2], k, k),
-                            not wide[layer.source], case.extreme)
-    skip = None
-    if layer.skip:
-        skip = random_weights(rng, (o, maps[layer.skip].shape[2], 3, 3), not wide[layer.skip],
-                              case.extreme)
+
+    def weights(name: str, rows: int, k: int) -> np.ndarray:
+        c = maps[name].shape[2]
+        aux = case.aux if name == "input" else 0
+        parts = [random_weights(rng, (rows, c - aux, k, k), not wide[name], case.extreme)]
+        if aux:
+            parts.append(random_weights(rng, (rows, aux, k, k), True, case.extreme))
+        return np.concatenate(parts, 1)
+
+    weight = weights(layer.source, rows, k)
+    skip = weights(layer.skip, o, 3) if layer.skip else None
     out_max = top[layer.name]
-    mixed = layer.skip is not None and wide[layer.source] != wide[layer.skip]
     trial = IntLayer(layer, weight, skip, np.zeros(o, np.int32), np.zeros(o, np.float32),
-                     case.shift if mixed else 0, top[layer.source], top[layer.skip], out_max)
+                     0, top[layer.source], top[layer.skip], out_max, case.aux)
+    if len({part.wide for part in trial.parts()}) > 1:
+        trial = replace(trial, shift=case.shift)
     height = maps[layer.source].shape[0] * (2 if layer.up else 1)
     a = trial.accumulate(maps, 0, height).reshape(-1, o)
     middle = np.sort(a, 0)[len(a) // 2]
@@ -106,8 +131,7 @@ def random_layer(rng: np.random.Generator, case: Case, net: Net, layer: Layer,
     bias = (spread * rng.uniform(0.1, 0.5, o)).astype(np.int64) - middle
     most = np.maximum((a + bias).max(0), 1) * rng.uniform(0.8, 1.1, o)  # some saturate
     scale = np.minimum(out_max / most, 0.499).astype(np.float32)
-    return IntLayer(layer, weight, skip, bias.astype(np.int32), scale, trial.shift,
-                    trial.source_max, trial.skip_max, out_max)
+    return replace(trial, bias=bias.astype(np.int32), scale=scale)
 
 
 def random_input(case: Case) -> np.ndarray:
@@ -125,7 +149,9 @@ def random_input(case: Case) -> np.ndarray:
 def random_model(case: Case, x: np.ndarray) -> IntModel:
     rng = np.random.default_rng([case.height, case.inputs, case.shift, len(case.widths)])
     net = next(n for n in read_nets() if n.name == case.net)
-    model = IntModel(net, [], rng.uniform(2e4, 4e4, case.inputs).astype(np.float32), 2.0**-15)
+    scale = rng.uniform(2e4, 4e4, case.inputs).astype(np.float32)
+    scale[case.inputs - case.aux:] /= 128
+    model = IntModel(net, [], scale, 2.0**-15, case.aux)
     maps = {"input": model.codes(x)}
     for layer, o in zip(net.layers, (*case.widths, OUTPUTS), strict=True):
         x = random_layer(rng, case, net, layer, maps, o)

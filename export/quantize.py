@@ -43,6 +43,8 @@ from training.imageio import read_image, replacing
 def integer_tensors(model: IntModel) -> dict[str, np.ndarray]:
     """The tensors of an integer model's file, in the order in which they are written."""
     tensors = {"input.scale": model.input_scale}
+    if model.aux:
+        tensors["input.max"] = model.input_max
     for x in model.layers:
         name = x.layer.name
         tensors[f"{name}.weight"] = x.weight
@@ -91,6 +93,8 @@ def arguments() -> argparse.ArgumentParser:
     add("--wide", nargs="*", metavar="LAYER",
         help="layers with 13-bit outputs; default: the third last, without which smooth gradients "
              "show bands; none named: only the compulsory ones, which is fastest")
+    add("--wide_aux", "--wide-aux", action="store_true",
+        help="albedo and normals in 15 bits, not in 8")
     add("--nearest", action="store_true", help="round weights to nearest, not by their effect")
     add("--report", action="store_true",
         help="print the error by layer and by picture (calibration pictures, or --test)")
@@ -119,7 +123,7 @@ def options_of(args: argparse.Namespace, kind: Kind, net: Net) -> Options:
     top = transfer_top(kind.content)
     return Options(input_top=top, output_top=top, ranges=args.ranges, percentile=args.percentile,
                    headroom=args.headroom, equalize=args.equalize, refine=not args.nearest,
-                   wide=wide_tensors(net, args.wide))
+                   wide=wide_tensors(net, args.wide), wide_aux=args.wide_aux)
 
 
 def test_samples(names: list[str], kind: Kind) -> list[Sample]:

@@ -12,6 +12,7 @@ from export.fit import Fit, evenly, make_fit, second_moments
 from export.graph import Layer, Net
 from export.reference import (
     INT32,
+    MAIN_CHANNELS,
     MIDDLE_MAX,
     NARROW_MAX,
     SHIFT_MAX,
@@ -19,6 +20,7 @@ from export.reference import (
     FloatModel,
     IntLayer,
     IntModel,
+    input_maxima,
 )
 from export.rounding import Problem, rounded
 
@@ -39,6 +41,7 @@ class Options:
     headroom: float = 1.2      # factor on those ranges
     wide_headroom: float = 2.0  # and on the range of the last layer's source, where bits abound
     wide: tuple[str, ...] | None = None  # layers with 13-bit outputs; None: second_last(net)
+    wide_aux: bool = False     # albedo and normals in 15 bits, not in 8
     equalize: float = 0.5      # 0: one range per tensor ... 1: every channel has its own
     words: float = 0.0         # squared error, in code steps^2 / 12, that sums in words may cost
     refine: bool = True        # round weights by their effect (rounding.py) instead of to nearest
@@ -89,6 +92,7 @@ class Quantizer:
         self.source, self.net, self.options, self.log = model, model.net, options, log
         wide = second_last(self.net) if options.wide is None else options.wide
         self.tops = dict.fromkeys(wide, MIDDLE_MAX) | dict.fromkeys(self.net.wide, WIDE_MAX)
+        self.aux = 0 if self.options.wide_aux else max(model.inputs - MAIN_CHANNELS, 0)
         self.inputs = [np.asarray(x, np.float32) for x in inputs]
         self.floats = [model.maps(x) for x in self.inputs]
         self.codes: list[dict[str, np.ndarray]] = []
@@ -98,7 +102,7 @@ class Quantizer:
         for name, o in (("input", self.source.inputs), *(
                 (x.name, len(self.source.tensors[f"{x.name}.bias"])) for x in self.net.layers)):
             self.steps[name] = self._steps(name, o)
-        self.model = IntModel(self.net, [], 1 / self.steps["input"], 1.0)
+        self.model = IntModel(self.net, [], 1 / self.steps["input"], 1.0, self.aux)
         self.steps["input"] = 1 / self.model.input_scale.astype(np.float64)
         self.codes = [{"input": self.model.codes(x)} for x in self.inputs]
         for layer in self.net.layers:
@@ -115,8 +119,8 @@ class Quantizer:
         o = self.options
         if name == "input":
             tops = np.ones(channels)
-            tops[:3] = o.input_top  # the main image; auxiliary ones lie in [0,1]
-            return tops / WIDE_MAX
+            tops[:MAIN_CHANNELS] = o.input_top  # the main image; auxiliary ones lie in [0,1]
+            return tops / input_maxima(channels, self.aux)
         if name == self.net.last.name:
             most = max(float(m[name].max(initial=0)) for m in self.floats)
             return np.full(channels, max(o.output_top, most) / WIDE_MAX)
@@ -157,7 +161,8 @@ class Quantizer:
     def _layer(self, layer: Layer) -> IntLayer:
         weight = self.source.tensors[f"{layer.name}.weight"]
         bias = self.source.tensors[f"{layer.name}.bias"].astype(np.float64)
-        fit = make_fit(layer, weight, self.steps, tuple(self.tops), self._has_one_tap(layer))
+        fit = make_fit(layer, weight, self.steps, tuple(self.tops), self._has_one_tap(layer),
+                       self.aux)
         moments = second_moments(fit, self.codes, self.options.samples)
         shift = self._shift(fit, moments, bias)
         rows, unit = self._rounded(fit, moments, shift, bias)
@@ -169,7 +174,7 @@ class Quantizer:
             return IntLayer(layer, weights[0], weights[1] if layer.skip else None,
                             np.rint(value / unit).astype(np.int32), scale, shift,
                             *(self.tops.get(t, NARROW_MAX)
-                              for t in (layer.source, layer.skip, layer.name)))
+                              for t in (layer.source, layer.skip, layer.name)), self.aux)
 
         if self.options.correct_bias:
             return made(bias + self._bias_error(layer, made(bias), unit))

@@ -4,7 +4,7 @@ Integer models are exact; fp16 models run in fp32. Slow and plain on purpose.
 """
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,6 +17,7 @@ from export.tza import Reader, TzaError
 
 NARROW_MAX, WIDE_MAX = 255, 32767
 MIDDLE_MAX = 8191  # of wide codes that may be made in patches
+MAIN_CHANNELS = 3  # of the network's input: those of the main image, which are wide
 PAIR_MAX = 128   # bound of a pair's positive and of its negative weights
 WEIGHT_MAX = 127
 SHIFT_MAX = 15
@@ -69,6 +70,21 @@ class FloatModel:
 
 
 @dataclass(frozen=True)
+class Part:
+    """Channels of a layer's source or skip whose codes are of one kind."""
+
+    name: str           # of the tensor they are of
+    channels: slice     # of it
+    weight: np.ndarray  # on them: int8 [O,C,3,3], or [4*O,C,2,2] if it is upsampled
+    top: int            # largest code
+    up: bool = False
+
+    @property
+    def wide(self) -> bool:
+        return self.top > NARROW_MAX
+
+
+@dataclass(frozen=True)
 class IntLayer:
     """What an integer model holds for a layer."""
 
@@ -81,6 +97,19 @@ class IntLayer:
     source_max: int          # largest code of the source: 255, 8191 or 32767
     skip_max: int
     out_max: int
+    aux: int = 0             # channels of the network's input, the last ones, that are narrow
+
+    def parts(self) -> Iterator[Part]:
+        """What is summed, in the order of the weights."""
+        for name, weight, top, up in (
+                (self.layer.source, self.weight, self.source_max, self.layer.up),
+                (self.layer.skip, self.skip, self.skip_max, False)):
+            if weight is None:
+                continue
+            split = weight.shape[1] - (self.aux if name == "input" else 0)
+            yield Part(name, slice(0, split), weight[:, :split], top, up)
+            if split < weight.shape[1]:
+                yield Part(name, slice(split, None), weight[:, split:], NARROW_MAX)
 
     @property
     def outputs(self) -> int:
@@ -93,11 +122,10 @@ class IntLayer:
     def sums(self, wide: bool) -> np.ndarray:
         """Largest sum of |weights| per output channel over the wide or narrow inputs, int64 [O]."""
         total = np.zeros(self.outputs, np.int64)
-        if (self.source_max > NARROW_MAX) == wide:
-            w = np.abs(self.weight.astype(np.int64)).sum((1, 2, 3))
-            total += w.reshape(-1, self.outputs).max(0)
-        if self.skip is not None and (self.skip_max > NARROW_MAX) == wide:
-            total += np.abs(self.skip.astype(np.int64)).sum((1, 2, 3))
+        for part in self.parts():
+            if part.wide == wide:
+                w = np.abs(part.weight.astype(np.int64)).sum((1, 2, 3))
+                total += w.reshape(-1, self.outputs).max(0)
         return total
 
     def accumulate(self, maps: Mapping[str, np.ndarray], first: int, last: int) -> np.ndarray:
@@ -106,12 +134,10 @@ class IntLayer:
         width = maps[self.layer.source].shape[1] * up
         wide = np.zeros((last - first, width, self.outputs))
         narrow = np.zeros_like(wide)
-        taps = taps_phases if self.layer.up else taps_3x3
-        taps(wide if self.source_max > NARROW_MAX else narrow, maps[self.layer.source],
-             self.weight, first)
-        if self.skip is not None:
-            taps_3x3(wide if self.skip_max > NARROW_MAX else narrow, maps[self.layer.skip],
-                     self.skip, first)
+        for part in self.parts():
+            taps = taps_phases if part.up else taps_3x3
+            taps(wide if part.wide else narrow, maps[part.name][..., part.channels], part.weight,
+                 first)
         shifted = (wide.astype(np.int64) + ((1 << self.shift) >> 1)) >> self.shift
         return shifted + self.bias + narrow.astype(np.int64)
 
@@ -139,15 +165,25 @@ def unsafe_pairs(weight: np.ndarray) -> int:
     return int(((high > PAIR_MAX) | (low < -PAIR_MAX)).sum())
 
 
+def input_maxima(channels: int, aux: int) -> np.ndarray:
+    """Largest codes of the network's input, int32 [channels], of which the last `aux` are narrow.
+    """
+    top = np.full(channels, WIDE_MAX, np.int32)
+    top[channels - aux:] = NARROW_MAX
+    return top
+
+
 class IntModel:
     """Exact execution of an integer model."""
 
     def __init__(self, net: Net, layers: list[IntLayer], input_scale: np.ndarray,
-                 output_scale: float):
-        self.net, self.layers = net, layers
+                 output_scale: float, aux: int = 0):
+        """aux: channels of the input, the last ones, that are narrow."""
+        self.net, self.layers, self.aux = net, layers, aux
         self.input_scale = np.asarray(input_scale, np.float32)
         self.output_scale = np.float32(output_scale)
         self.inputs = len(self.input_scale)
+        self.input_max = input_maxima(self.inputs, aux)
 
     @property
     def outputs(self) -> int:
@@ -156,7 +192,7 @@ class IntModel:
     def codes(self, x: np.ndarray) -> np.ndarray:
         """Network values >= 0 to input codes, both [H,W,C]."""
         v = np.asarray(x, np.float32) * self.input_scale + np.float32(0.5)
-        return np.clip(v, 0, WIDE_MAX).astype(np.uint16)
+        return np.clip(v, 0, self.input_max).astype(np.uint16)
 
     def maps(self, codes: np.ndarray) -> dict[str, np.ndarray]:
         """Codes of all tensors of a run by name. H and W are multiples of 16."""
@@ -187,13 +223,11 @@ def _tensor(tensors: Mapping, name: str, dtype, shape: tuple[int, ...], file: st
 def check_layer(x: IntLayer, file: str) -> None:
     """Raises unless a layer keeps what docs/arithmetic.md demands."""
     name = x.layer.name
-    for tensor, weight, top in ((f"{name}.weight", x.weight, x.source_max),
-                                (f"{name}.skip.weight", x.skip, x.skip_max)):
-        if weight is None:
-            continue
-        if weight.size and int(weight.min()) < -WEIGHT_MAX:
+    for part in x.parts():
+        tensor = f"{name}.weight" if part.name == x.layer.source else f"{name}.skip.weight"
+        if part.weight.size and int(part.weight.min()) < -WEIGHT_MAX:
             raise ModelError(f"{file}: tensor '{tensor}' holds -128")
-        if top == NARROW_MAX and unsafe_pairs(weight):
+        if not part.wide and unsafe_pairs(part.weight):
             raise ModelError(f"{file}: tensor '{tensor}' is not pair-safe")
     if not (np.isfinite(x.scale).all() and (x.scale >= 0).all() and (x.scale < 0.5).all()):
         raise ModelError(f"{file}: tensor '{name}.scale' has values outside [0, 0.5)")
@@ -214,7 +248,13 @@ def int_model(tensors: Mapping[str, np.ndarray], file: str) -> IntModel:
     net = find_net(tensors, file)
     first = tensors[f"{net.layers[0].name}.weight"]
     channels = {"input": first.shape[1] if first.ndim == 4 else 0}
-    layers, tops = [], {"input": WIDE_MAX, None: NARROW_MAX}
+    layers, tops, aux = [], {"input": WIDE_MAX, None: NARROW_MAX}, 0
+    if "input.max" in tensors:
+        most = _tensor(tensors, "input.max", np.int32, (channels["input"],), file)
+        aux = max(channels["input"] - MAIN_CHANNELS, 0)
+        if not np.array_equal(most, input_maxima(channels["input"], aux)):
+            raise ModelError(f"{file}: tensor 'input.max' is not {WIDE_MAX} of the main image's "
+                             f"channels and {NARROW_MAX} of the others")
     for layer in net.layers:
         name, c = layer.name, channels[layer.source]
         o = tensors[f"{name}.bias"].shape[0]
@@ -233,14 +273,14 @@ def int_model(tensors: Mapping[str, np.ndarray], file: str) -> IntModel:
             _tensor(tensors, f"{name}.weight", np.int8, (rows, c, k, k), file), skip,
             _tensor(tensors, f"{name}.bias", np.int32, (o,), file),
             _tensor(tensors, f"{name}.scale", np.float32, (o,), file), int(shift[0]),
-            tops[layer.source], tops[layer.skip], tops[name]))
+            tops[layer.source], tops[layer.skip], tops[name], aux))
         check_layer(layers[-1], file)
         channels[name] = o
     scales = [_tensor(tensors, f"{t}.scale", np.float32, (n,), file)
               for t, n in (("input", channels["input"]), ("output", 1))]
     if not all((s >= 0).all() and (s <= SCALE_MAX).all() for s in scales):
         raise ModelError(f"{file}: input.scale and output.scale must be from 0 to {SCALE_MAX:g}")
-    return IntModel(net, layers, scales[0], scales[1][0])
+    return IntModel(net, layers, scales[0], scales[1][0], aux)
 
 
 def float_model(tensors: Mapping[str, np.ndarray], file: str) -> FloatModel:

@@ -296,7 +296,7 @@ lull_status lull_rows_begin(lull_plan *plan, float input_scale)
     lull_task t = {0};
     if (!plan)
         return LULL_ERROR_ARGUMENT;
-    if (plan->strips > 1 || (plan->model->graph.family == LULL_FAMILY_K && !plan->keeps_rows))
+    if (plan->strips > 1 || !plan->keeps_rows)
         return LULL_ERROR_UNSUPPORTED;
     t.plan = plan;
     begin_strip(plan, &t, 0);

@@ -48,34 +48,46 @@ static void load_feature(float *out, const lull_task *t, unsigned feature, int i
     plan->model->kernels.curve_in(out, &curve, 3 * (size_t)n);
 }
 
-/* n values, three channels in turn, as 15-bit codes. */
-static void to_codes(uint16_t *codes, const float *v, const float *scale, unsigned n)
+/* n values, three channels in turn, as codes. */
+static void to_codes(uint16_t *codes, const float *v, const float *scale, float max, unsigned n)
 {
     for (unsigned i = 0; i < n; i++) {
         float code = v[i] * scale[i] + 0.5f;
-        codes[i] = (uint16_t)(int)(code < 32767.0f ? code : 32767.0f);
+        codes[i] = (uint16_t)(int)(code < max ? code : max);
     }
 }
 
-/* Three channels of n pixels, from channel `at` on, of a U network's input row. */
-static void put_input(const lull_plan *plan, uint8_t *row, const float *v, unsigned at, unsigned n)
+/* Three channels of n pixels, from channel `at` on, of a U network's input from column x of row y
+ * on. */
+static void put_input(const lull_plan *plan, const float *v, unsigned at, unsigned x, unsigned y,
+                      unsigned n)
 {
     enum { SOME = 16 };
-    const size_t pixel = lull_ring_pixel(&plan->ring[0]);
+    const unsigned main_channels = lull_graph_channels(&plan->model->graph, LULL_TENSOR_INPUT);
+    const int is_aux = at >= main_channels;
+    const unsigned tensor = is_aux ? LULL_TENSOR_AUX : LULL_TENSOR_INPUT;
+    const size_t pixel = lull_ring_pixel(&plan->ring[tensor]);
+    uint8_t *to = lull_exec_row(plan, tensor, y) + x * pixel;
     uint16_t codes[3 * SOME];
     float scale[3 * SOME];
-    if (plan->ring[0].dtype == LULL_DTYPE_F32) {
-        for (unsigned i = 0; i < n; i++)
-            memcpy(row + i * pixel + at * sizeof *v, v + 3 * i, 3 * sizeof *v);
+    if (plan->ring[tensor].dtype == LULL_DTYPE_F32) {
+        to += at * sizeof *v;
+        for (unsigned i = 0; i < n; i++, to += pixel)
+            memcpy(to, v + 3 * i, 3 * sizeof *v);
         return;
     }
+    to += is_aux ? at - main_channels : at * sizeof *codes;
     for (unsigned i = 0; i < 3 * SOME; i++)
         scale[i] = plan->model->input_scale[at + i % 3];
-    for (unsigned x = 0; x < n; x += SOME) {
-        unsigned count = lull_min_u(SOME, n - x);
-        to_codes(codes, v + 3 * x, scale, 3 * count);
-        for (unsigned i = 0; i < count; i++)
-            memcpy(row + (x + i) * pixel + at * sizeof *codes, codes + 3 * i, 3 * sizeof *codes);
+    for (unsigned first = 0; first < n; first += SOME) {
+        unsigned count = lull_min_u(SOME, n - first);
+        to_codes(codes, v + 3 * first, scale, is_aux ? 255.0f : 32767.0f, 3 * count);
+        for (unsigned i = 0; i < count; i++, to += pixel) {
+            for (unsigned c = 0; is_aux && c < 3; c++)
+                to[c] = (uint8_t)codes[3 * i + c];
+            if (!is_aux)
+                memcpy(to, codes + 3 * i, 3 * sizeof *codes);
+        }
     }
 }
 
@@ -84,7 +96,6 @@ static void put_input(const lull_plan *plan, uint8_t *row, const float *v, unsig
 static void load_direct(const lull_task *t, float *block, unsigned x, unsigned y, unsigned n)
 {
     lull_plan *plan = t->plan;
-    uint8_t *row = lull_exec_row(plan, 0, y) + (x - t->left) * lull_ring_pixel(&plan->ring[0]);
     lull_transfer transfer;
     unsigned at = 0;
     for (unsigned feature = 0; feature < 3; feature++) {
@@ -98,7 +109,7 @@ static void load_direct(const lull_task *t, float *block, unsigned x, unsigned y
         } else {
             load_feature(block, t, feature, at == 0, transfer, x, y - t->base_row, n);
         }
-        put_input(plan, row, block, at, n);
+        put_input(plan, block, at, x - t->left, y, n);
         at += 3;
     }
 }

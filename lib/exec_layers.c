@@ -64,17 +64,18 @@ static void add_source(lull_conv *conv, const lull_plan *plan, unsigned l, int x
                 weights[lull_pack_block(layer, phase, (unsigned)dy)]);
 }
 
-/* The skip of layer l around the pixels x, x + stride, ... of row y. */
-static void add_skip(lull_conv *conv, const lull_plan *plan, unsigned l, int x, int y,
+/* Source s, the second or third, of layer l around the pixels x, x + stride, ... of row y. */
+static void add_full(lull_conv *conv, const lull_plan *plan, unsigned l, unsigned s, int x, int y,
                      unsigned stride)
 {
     const lull_layer *layer = &plan->model->graph.layer[l];
-    if (layer->source[1] == LULL_TENSOR_NONE || layer->op == LULL_OP_HEAD)
+    const size_t *weights =
+        plan->model->layer[l].weights + (s == 1 ? LULL_PACK_SKIP : LULL_PACK_THIRD);
+    if (layer->source[s] == LULL_TENSOR_NONE || layer->op == LULL_OP_HEAD)
         return;
     for (int dy = 0; dy < 3; dy++)
-        add_run(conv, plan, layer->source[1], y - 1 + dy, x - 1,
-                3 + plan->model->layer[l].has_pairs, stride,
-                plan->model->layer[l].weights[LULL_PACK_SKIP + dy]);
+        add_run(conv, plan, layer->source[s], y - 1 + dy, x - 1,
+                3 + plan->model->layer[l].has_pairs, stride, weights[dy]);
 }
 
 /* Columns [x, x+n) of row y of a layer's convolution; x and n even if the source is upsampled or
@@ -114,11 +115,12 @@ static void conv_row(const lull_plan *plan, unsigned l, uint8_t *out, const int3
         conv.start = start ? start + phase * layer->outputs : NULL;
         conv.segments = conv.wide = 0;
         if (skip_first && has_skip)
-            add_skip(&conv, plan, l, (int)(x + phase), (int)y, stride);
+            add_full(&conv, plan, l, 1, (int)(x + phase), (int)y, stride);
         if (has_source)
             add_source(&conv, plan, l, (int)(x + phase), (int)y, stride);
         if (!skip_first && has_skip)
-            add_skip(&conv, plan, l, (int)(x + phase), (int)y, stride);
+            add_full(&conv, plan, l, 1, (int)(x + phase), (int)y, stride);
+        add_full(&conv, plan, l, 2, (int)(x + phase), (int)y, stride);
         kernel(&conv);
     }
 }

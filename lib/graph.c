@@ -42,6 +42,7 @@ static const head_row heads[] = {
     25u /* level 0's head: the filter's logits are made when radiance is ready, what               \
          * comes after them before it, with the blend's logit in both parts */
 #define K_INPUTS 12u
+#define MAIN_CHANNELS 3u
 
 static int same(const char *a, const char *b)
 {
@@ -104,10 +105,11 @@ unsigned lull_graph_channels(const lull_graph *graph, unsigned tensor)
     if (tensor == LULL_TENSOR_RADIANCE)
         return 3;
     if (tensor == LULL_TENSOR_GUIDE)
-        return 2;
+        return graph->family == LULL_FAMILY_K ? 2 : graph->aux;
     if (tensor == LULL_TENSOR_ALBEDO)
         return 4;
-    return tensor == LULL_TENSOR_INPUT ? graph->inputs : graph->layer[tensor - 1].outputs;
+    return tensor == LULL_TENSOR_INPUT ? graph->inputs - graph->aux
+                                       : graph->layer[tensor - 1].outputs;
 }
 
 unsigned lull_graph_level(const lull_graph *graph, unsigned tensor)
@@ -150,6 +152,14 @@ unsigned lull_layer_inputs(const lull_graph *graph, const lull_layer *layer, uns
                : lull_graph_channels(graph, layer->source[index]);
 }
 
+unsigned lull_layer_all_inputs(const lull_graph *graph, const lull_layer *layer)
+{
+    unsigned inputs = 0;
+    for (unsigned s = 0; s < LULL_MAX_SOURCES; s++)
+        inputs += lull_layer_inputs(graph, layer, s);
+    return inputs;
+}
+
 void lull_graph_tensors(lull_layer_tensors *tensors, const lull_layer *layer, const lull_tza *tza)
 {
     const char *name = lull_layer_name(layer);
@@ -171,11 +181,19 @@ static int has_shape(const lull_tza_tensor *tensor, char dtype, uint32_t o, uint
                             tensor->dims[3] == side);
 }
 
+/* Channels that the weights of a layer's source `index` meet: the input's with the auxiliary ones.
+ */
+static uint32_t met_channels(const lull_graph *graph, const lull_layer *layer, unsigned index)
+{
+    return layer->source[index] == LULL_TENSOR_INPUT ? graph->inputs
+                                                     : lull_layer_inputs(graph, layer, index);
+}
+
 /* 1 if the layer's tensors are what its channels demand. */
 static int shapes_fit(const lull_graph *graph, const lull_layer *layer, const lull_layer_tensors *t)
 {
-    uint32_t outputs = layer->outputs, inputs = lull_layer_inputs(graph, layer, 0);
-    uint32_t skip = lull_layer_inputs(graph, layer, 1);
+    uint32_t outputs = layer->outputs, inputs = met_channels(graph, layer, 0);
+    uint32_t skip = met_channels(graph, layer, 1);
     uint32_t side = layer->op == LULL_OP_HEAD ? 1 : lull_layer_is_up(layer) ? 2 : 3;
     char dtype = t->weight.dtype;
     if (!graph->is_integer)
@@ -211,6 +229,23 @@ static void add_source(lull_layer *layer, unsigned tensor, lull_reads reads)
     layer->reads[i] = (uint8_t)reads;
 }
 
+/* Integer models of family U: how many of the input's channels, all but the main image's, are
+ * narrow. */
+static lull_status read_aux(lull_graph *graph, const lull_tza *tza)
+{
+    lull_tza_tensor max;
+    if (graph->family != LULL_FAMILY_U || !graph->is_integer ||
+        !lull_tza_find(tza, "input", ".max", &max))
+        return LULL_OK;
+    if (!has_shape(&max, 'i', graph->inputs, 0, 0))
+        return LULL_ERROR_NETWORK;
+    for (unsigned i = 0; i < graph->inputs; i++)
+        if (lull_tza_int(&max, i) != (i < MAIN_CHANNELS ? 32767 : 255))
+            return LULL_ERROR_NETWORK;
+    graph->aux = graph->inputs - lull_min_u(graph->inputs, MAIN_CHANNELS);
+    return LULL_OK;
+}
+
 /* Completes a convolution: its channels are the shapes of its tensors. */
 static lull_status read_shapes(lull_graph *graph, lull_layer *layer, const lull_tza *tza)
 {
@@ -224,6 +259,8 @@ static lull_status read_shapes(lull_graph *graph, lull_layer *layer, const lull_
     if (graph->layers == 0) {
         graph->is_integer = tensors.weight.dtype == 'b';
         graph->inputs = tensors.weight.dims[1];
+        if (read_aux(graph, tza) != LULL_OK)
+            return LULL_ERROR_NETWORK;
     }
     if (!shapes_fit(graph, layer, &tensors))
         return LULL_ERROR_NETWORK;
@@ -236,6 +273,7 @@ static lull_status add_layer(lull_graph *graph, const layer_row *row, const lull
 {
     lull_layer *layer = new_layer(graph, LULL_OP_CONV, 0, 0);
     unsigned source = tensor_called(graph, row->source), up = row->up == 2;
+    lull_status status;
     if (!layer)
         return LULL_ERROR_NETWORK;
     layer->row = (uint8_t)(row - rows);
@@ -244,7 +282,11 @@ static lull_status add_layer(lull_graph *graph, const layer_row *row, const lull
     add_source(layer, source, up ? LULL_READS_COARSE : LULL_READS_3);
     if (!same(row->skip, "none"))
         add_source(layer, tensor_called(graph, row->skip), LULL_READS_3);
-    return read_shapes(graph, layer, tza);
+    status = read_shapes(graph, layer, tza);
+    if (status == LULL_OK && graph->aux &&
+        (layer->source[0] == LULL_TENSOR_INPUT || layer->source[1] == LULL_TENSOR_INPUT))
+        add_source(layer, LULL_TENSOR_AUX, LULL_READS_3);
+    return status;
 }
 
 static lull_status add_head(lull_graph *graph, const head_row *row, const lull_tza *tza)
@@ -472,7 +514,7 @@ uint64_t lull_graph_macs_per_pixel(const lull_graph *graph)
     uint64_t macs = 0; /* at the coarsest grid, summed exactly, then divided */
     for (unsigned i = 0; i < graph->layers; i++) {
         const lull_layer *layer = &graph->layer[i];
-        uint64_t inputs = lull_layer_inputs(graph, layer, 0) + lull_layer_inputs(graph, layer, 1);
+        uint64_t inputs = lull_layer_all_inputs(graph, layer);
         uint64_t taps = layer->op == LULL_OP_CONV ? 9 : layer->op == LULL_OP_HEAD ? 1 : 0;
         macs += taps * inputs * lull_layer_own_outputs(layer)
                 << (2 * (graph->levels - layer->level));

@@ -10,11 +10,13 @@
 
 /* Tensors are numbered: 0 is the input of the network, 1 + i the output of layer i. Family K also
  * keeps of the frame the unencoded radiance (r,g,b), the albedo (1,r,g,b; zeros outside the image)
- * and what tells surfaces apart, the guide (kernels.h). */
+ * and what tells surfaces apart, the guide (kernels.h). In the guide's place integer models of
+ * family U may have the auxiliary channels of their input, as bytes. */
 #define LULL_TENSOR_INPUT 0
 #define LULL_TENSOR_RADIANCE (LULL_MAX_LAYERS + 1)
 #define LULL_TENSOR_ALBEDO (LULL_MAX_LAYERS + 2)
 #define LULL_TENSOR_GUIDE (LULL_MAX_LAYERS + 3)
+#define LULL_TENSOR_AUX LULL_TENSOR_GUIDE
 #define LULL_TENSORS (LULL_MAX_LAYERS + 4)
 #define LULL_TENSOR_NONE 0xff
 
@@ -76,7 +78,8 @@ typedef struct lull_graph {
     lull_family family;
     unsigned layers;
     int is_integer;   /* int8 weights; docs/arithmetic.md */
-    unsigned inputs;  /* channels of tensor 0 */
+    unsigned inputs;  /* channels of the network's input, and ... */
+    unsigned aux;     /* ... how many of them, the last ones, are LULL_TENSOR_AUX */
     unsigned levels;  /* number of 2x poolings: sizes are multiples of 1 << levels */
     unsigned overlap; /* pixels beside a strip that the output depends on, and ... */
     unsigned margin;  /* ... that make it equal to the bit; both multiples of 1 << levels */
@@ -132,8 +135,12 @@ unsigned lull_layer_own_outputs(const lull_layer *layer);
  * rows. */
 int lull_graph_is_local(const lull_graph *graph, unsigned tensor);
 
-/* Channels of a layer's source number `index`; 0 where there is none. */
+/* Channels of a layer's source number `index`; 0 where there is none. The auxiliary channels of the
+ * input follow it as the next source; both share a tensor of weights. */
 unsigned lull_layer_inputs(const lull_graph *graph, const lull_layer *layer, unsigned index);
+
+/* Channels of all sources of a convolution. */
+unsigned lull_layer_all_inputs(const lull_graph *graph, const lull_layer *layer);
 
 /* Tensor made by the layer of this op and level; LULL_TENSOR_NONE if there is none. */
 unsigned lull_graph_find(const lull_graph *graph, lull_op op, unsigned level);

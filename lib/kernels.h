@@ -13,7 +13,7 @@
 #include "patches.h"
 #include "winograd.h"
 
-#define LULL_MAX_SEGMENTS 6
+#define LULL_MAX_SEGMENTS 8
 
 typedef struct lull_segment {
     const void *row;     /* first element of the run of output pixel 0 */

@@ -28,34 +28,43 @@ unsigned lull_pack_block(const lull_layer *layer, unsigned phase, unsigned row)
     return LULL_PACK_SOURCE + (lull_layer_is_up(layer) ? 2 * phase + row : row);
 }
 
-/* The tensor with the taps of a layer's source or skip. */
-static const lull_tza_tensor *taps_of(const lull_graph *graph, const lull_layer_tensors *tensors,
-                                      unsigned is_skip)
+/* The tensor with the taps of a layer's source s. Those of the input's auxiliary channels follow
+ * those of the others. */
+static const lull_tza_tensor *taps_of(const lull_graph *graph, const lull_layer *layer,
+                                      const lull_layer_tensors *tensors, unsigned s)
 {
-    return is_skip && graph->is_integer ? &tensors->skip : &tensors->weight;
+    s -= layer->source[s] == LULL_TENSOR_AUX;
+    return s && graph->is_integer ? &tensors->skip : &tensors->weight;
+}
+
+/* Channel of that tensor at which those of source s begin. */
+static unsigned first_channel(const lull_graph *graph, const lull_layer *layer, unsigned s)
+{
+    if (layer->source[s] == LULL_TENSOR_AUX)
+        return lull_graph_channels(graph, LULL_TENSOR_INPUT);
+    return s && !graph->is_integer ? lull_layer_inputs(graph, layer, 0) : 0;
 }
 
 /* Describes block number `index` of a layer; returns 0 if the layer has no such block. Layers in
- * Winograd's form have none. */
+ * Winograd's form, and those that are no convolutions, have none. */
 static int describe(block *b, const lull_graph *graph, unsigned l, unsigned index,
                     const lull_layer_tensors *tensors)
 {
     const lull_layer *layer = &graph->layer[l];
-    unsigned is_skip = index >= LULL_PACK_SKIP;
+    unsigned s = (index >= LULL_PACK_SKIP) + (index >= LULL_PACK_THIRD);
     int is_head = layer->op == LULL_OP_HEAD, is_up = lull_layer_is_up(layer);
     memset(b, 0, sizeof *b);
-    b->inputs = lull_layer_inputs(graph, layer, is_skip);
-    if (!lull_layer_is_conv(layer) || layer->is_winograd || !b->inputs ||
-        (!is_skip && !is_up && index >= (is_head ? 1u : 3u)))
+    b->inputs = lull_layer_is_conv(layer) ? lull_layer_inputs(graph, layer, s) : 0;
+    if (layer->is_winograd || !b->inputs || (!s && !is_up && index >= (is_head ? 1u : 3u)))
         return 0;
-    b->weight = taps_of(graph, tensors, is_skip);
-    b->dtype = lull_graph_dtype(graph, layer->source[is_skip]);
+    b->weight = taps_of(graph, layer, tensors, s);
+    b->dtype = lull_graph_dtype(graph, layer->source[s]);
     b->outputs = layer->outputs;
-    b->offset = is_skip && !graph->is_integer ? lull_layer_inputs(graph, layer, 0) : 0;
+    b->offset = first_channel(graph, layer, s);
     b->columns = is_head ? 1 : 3;
     b->first = layer->first;
-    b->row = is_skip ? index - LULL_PACK_SKIP : index;
-    if (is_up && !is_skip) {
+    b->row = s ? (index - LULL_PACK_SKIP) % 3 : index;
+    if (is_up && !s) {
         b->columns = 2;
         b->row = index & 1;
         b->phase_x = index >> 1 & 1;
@@ -209,7 +218,7 @@ static int64_t largest_sum(const lull_graph *graph, unsigned l, const lull_layer
 static int has_words(const lull_graph *graph, const lull_kernels *kernels, unsigned l)
 {
     const lull_layer *layer = &graph->layer[l];
-    for (unsigned s = 0; s < 2; s++)
+    for (unsigned s = 0; s < LULL_MAX_SOURCES; s++)
         if (lull_layer_inputs(graph, layer, s) &&
             lull_graph_dtype(graph, layer->source[s]) != LULL_DTYPE_U8)
             return 0;
@@ -293,10 +302,14 @@ int lull_pack_is_int3(const lull_graph *graph, const lull_kernels *kernels, unsi
 static int has_pairs(const lull_graph *graph, const lull_kernels *kernels, unsigned l)
 {
     const lull_layer *layer = &graph->layer[l];
-    return graph->is_integer && layer->op == LULL_OP_CONV && layer->level < graph->levels &&
-           2 * layer->outputs <= kernels->block_int && !kernels->splits_wide &&
-           !lull_pack_is_int3(graph, kernels, l) && lull_layer_inputs(graph, layer, 0) % 2 == 0 &&
-           lull_layer_inputs(graph, layer, 1) % 2 == 0;
+    if (!graph->is_integer || layer->op != LULL_OP_CONV || layer->level >= graph->levels ||
+        2 * layer->outputs > kernels->block_int || kernels->splits_wide ||
+        lull_pack_is_int3(graph, kernels, l))
+        return 0;
+    for (unsigned s = 0; s < LULL_MAX_SOURCES; s++)
+        if (lull_layer_inputs(graph, layer, s) % 2)
+            return 0;
+    return 1;
 }
 
 /* Outputs in a weight block of layer l. */
@@ -395,8 +408,9 @@ static void pack_layer(lull_model *model, unsigned l, const lull_tza *tza)
         if (layer->has_patches >> s & 1)
             for (unsigned phase = phases ? 0 : LULL_PATCH_WHOLE;
                  phase < LULL_PATCH_WHOLE + !phases; phase++)
-                to = lull_pack_patches(to, taps_of(&model->graph, &tensors, s), layer->outputs,
-                                       lull_layer_inputs(&model->graph, layer, s), lanes, phase,
+                to = lull_pack_patches(to, taps_of(&model->graph, layer, &tensors, s),
+                                       layer->outputs, lull_layer_inputs(&model->graph, layer, s),
+                                       lanes, phase,
                                        lull_layer_has_wide_patches(&model->graph, l));
     }
     for (unsigned i = 0; i < LULL_PACK_BLOCKS; i++)
@@ -441,7 +455,7 @@ LULL_NOINLINE static int fits_patches(const lull_graph *graph, const lull_layer 
         step % side)
         return 0;
     lull_graph_tensors(&tensors, layer, tza);
-    return lull_pack_fits_patches(taps_of(graph, &tensors, s),
+    return lull_pack_fits_patches(taps_of(graph, layer, &tensors, s),
                                   (is_up ? 4 : 1) * layer->outputs, (is_up ? 4 : 9) * inputs,
                                   is_wide);
 }
@@ -542,7 +556,7 @@ void lull_model_get_info(const lull_model *model, lull_model_info *info)
     info->parameters = 0;
     for (unsigned l = 0; l < graph->layers; l++) {
         const lull_layer *layer = &graph->layer[l];
-        unsigned inputs = lull_layer_inputs(graph, layer, 0) + lull_layer_inputs(graph, layer, 1);
+        unsigned inputs = lull_layer_all_inputs(graph, layer);
         if (lull_layer_is_conv(layer))
             info->parameters +=
                 lull_layer_own_outputs(layer) *

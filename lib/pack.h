@@ -6,9 +6,15 @@
 #include "kernels.h"
 
 /* Weight blocks of one layer, by what they are multiplied with. Plain layers: the three rows of the
- * source. Upsampled sources, folded: two rows of the small source for each of the four output
- * phases (phase 2 * (y & 1) + (x & 1)). */
-enum { LULL_PACK_SOURCE = 0, LULL_PACK_PHASES = 8, LULL_PACK_SKIP = 8, LULL_PACK_BLOCKS = 11 };
+ * source, those of the skip or second source, and those of a third one. Upsampled sources, folded:
+ * two rows of the small source for each of the four output phases (phase 2 * (y & 1) + (x & 1)). */
+enum {
+    LULL_PACK_SOURCE = 0,
+    LULL_PACK_PHASES = 8,
+    LULL_PACK_SKIP = 8,
+    LULL_PACK_THIRD = 11,
+    LULL_PACK_BLOCKS = 14
+};
 
 typedef struct lull_packed_layer {
     size_t weights[LULL_PACK_BLOCKS]; /* offsets from the model; 0: not there */

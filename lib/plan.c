@@ -60,7 +60,7 @@ int lull_plan_has(const lull_plan *plan, unsigned tensor)
     if (tensor <= LULL_MAX_LAYERS)
         return tensor <= graph->layers;
     if (graph->family != LULL_FAMILY_K)
-        return 0;
+        return tensor == LULL_TENSOR_AUX && graph->aux;
     if (tensor == LULL_TENSOR_ALBEDO)
         return !(~plan->frame.features & 3u);
     if (tensor == LULL_TENSOR_GUIDE)
@@ -175,10 +175,8 @@ static void play(lull_plan *plan)
         plan->done[LULL_TENSOR_RADIANCE] = plan->done[0];
         if (plan->keeps_rows)
             plan->done[LULL_TENSOR_ALBEDO] = plan->done[LULL_TENSOR_GUIDE] = plan->done[0];
-        grow_ring(plan, LULL_TENSOR_INPUT);
-        grow_ring(plan, LULL_TENSOR_RADIANCE);
-        grow_ring(plan, LULL_TENSOR_GUIDE);
-        grow_ring(plan, LULL_TENSOR_ALBEDO);
+        for (unsigned i = 0; i < LULL_LOADED; i++)
+            grow_ring(plan, lull_loaded[i]);
         for (unsigned l = 0; l < graph->layers; l++) {
             if (graph->layer[l].op == LULL_OP_SMOOTH && !plan->keeps_rows) {
                 plan->done[LULL_TENSOR_ALBEDO] = plan->done[LULL_TENSOR_GUIDE] =
@@ -503,7 +501,8 @@ static lull_status start(lull_plan *plan, const lull_frame *frame, const lull_mo
     plan->model = model;
     plan->frame = *frame;
     plan->threads = lull_max_u(frame->threads, 1);
-    plan->keeps_rows = model->graph.family == LULL_FAMILY_K && (frame->in_place || frame->streamed);
+    plan->keeps_rows =
+        model->graph.family == LULL_FAMILY_U || frame->in_place || frame->streamed;
     plan->width = (unsigned)lull_align_up(frame->width, align);
     plan->height = (unsigned)lull_align_up(frame->height, align);
     return LULL_OK;

@@ -64,8 +64,8 @@ struct lull_plan {
     size_t saved; /* columns that an in-place run would overwrite before the next strip reads them
                    */
     uint16_t saved_width;
-    uint16_t keeps_rows; /* family K: radiance, albedo and normals are kept from the input on; else
-                          * images are read again */
+    uint16_t keeps_rows; /* what is made of the images is kept from the input on; else, in family K,
+                          * radiance, albedo and guide are made of images that are read again */
     /* State of a run: rows made of every tensor, and stored of the output. */
     unsigned stored;
     float scale;

@@ -32,7 +32,7 @@ from export.bounds import Bound, own_groups, pair_groups, word_groups
 from export.calibrate import add_kind
 from export.quantize import integer_tensors, load_float, write_integer
 from export.quantizer import Options, Quantizer, transfer_top
-from export.reference import NARROW_MAX, WIDE_MAX, IntLayer, IntModel, check_layer
+from export.reference import IntLayer, IntModel, Part, check_layer
 from training import errors
 from training.data import Augment, Batches, from_raw
 from training.errors import DATA, STATE, USAGE, ToolError
@@ -53,15 +53,14 @@ def through(exact: Tensor, smooth: Tensor) -> Tensor:
 
 
 def bounds_of(source: IntLayer) -> list[Bound]:
-    """The bounds on rows of `weight` and `skip`: words where the layer keeps them, else pairs."""
-    parts = [(w, top) for w, top in ((source.weight, source.source_max),
-                                     (source.skip, source.skip_max)) if w is not None]
-    words = [Bound(word_groups(w.shape[1:])) for w, _ in parts]
-    if all(top == NARROW_MAX and bound.holds(w.reshape(len(w), -1))
-           for bound, (w, top) in zip(words, parts, strict=True)):
+    """The bounds on rows of the weights of each part: words where the layer keeps them, else
+    pairs."""
+    parts = list(source.parts())
+    words = [Bound(word_groups(p.weight.shape[1:])) for p in parts]
+    if all(not p.wide and bound.holds(p.weight.reshape(len(p.weight), -1))
+           for bound, p in zip(words, parts, strict=True)):
         return words
-    return [Bound((pair_groups if top == NARROW_MAX else own_groups)(w.shape[1:]))
-            for w, top in parts]
+    return [Bound((own_groups if p.wide else pair_groups)(p.weight.shape[1:])) for p in parts]
 
 
 def rounded_weights(weight: Tensor, bound: Bound) -> Tensor:
@@ -84,6 +83,10 @@ class IntegerLayer(nn.Module):
         self.register_buffer("scale", torch.from_numpy(source.scale.astype(np.float64)))
         self.register_buffer("multiplier", torch.from_numpy(source.multiplier()))
 
+    def _weight(self, part: Part) -> Tensor:
+        """The weights that a part's are some channels of."""
+        return self.weight if part.name == self.layer.source else self.skip
+
     def _sums(self, x: Tensor, weight: Tensor) -> Tensor:
         """[N,O,H,W] of a 3x3 convolution, or of the phases of an upsampled source."""
         if weight.shape[-1] == 3:
@@ -101,13 +104,14 @@ class IntegerLayer(nn.Module):
         s = self.source
         total = through(self.bias.round(), self.bias).view(1, -1, 1, 1)
         wide = 0.0
-        for codes, weight, top, bound in zip((x, skip), (self.weight, self.skip),
-                                             (s.source_max, s.skip_max), self.bounds):
-            y = self._sums(codes, rounded_weights(weight, bound))
-            if top == NARROW_MAX:
-                total = total + y
-            else:
+        for part, bound in zip(s.parts(), self.bounds, strict=True):
+            codes = x if part.name == self.layer.source else skip
+            weight = self._weight(part)[:, part.channels]
+            y = self._sums(codes[:, part.channels], rounded_weights(weight, bound))
+            if part.wide:
                 wide = wide + y
+            else:
+                total = total + y
         if isinstance(wide, Tensor):
             shifted = (wide.detach() + ((1 << s.shift) >> 1)).div(1 << s.shift).floor()
             total = total + through(shifted, wide / (1 << s.shift))
@@ -128,10 +132,13 @@ class IntegerLayer(nn.Module):
     @torch.no_grad()
     def rounded(self) -> IntLayer:
         """What the layer is at present, as an integer layer; its sums are kept within bounds."""
-        parts = [rounded_weights(w, bound).cpu().numpy().astype(np.int8)
-                 for w, bound in zip((self.weight, self.skip), self.bounds)]
-        return dataclasses.replace(self.source, weight=parts[0],
-                                   skip=parts[1] if len(parts) > 1 else None,
+        whole: dict[str, list[np.ndarray]] = {}
+        for part, bound in zip(self.source.parts(), self.bounds, strict=True):
+            w = rounded_weights(self._weight(part)[:, part.channels], bound)
+            whole.setdefault(part.name, []).append(w.cpu().numpy().astype(np.int8))
+        joined = [np.concatenate(w, 1) for w in whole.values()]
+        return dataclasses.replace(self.source, weight=joined[0],
+                                   skip=joined[1] if len(joined) > 1 else None,
                                    bias=self.bias.round().cpu().numpy().astype(np.int32))
 
 
@@ -168,13 +175,15 @@ class IntegerNet(nn.Module):
     def __init__(self, model: IntModel):
         super().__init__()
         self.net, self.output_scale = model.net, float(model.output_scale)
-        self.input_scale = model.input_scale
+        self.input_scale, self.aux = model.input_scale, model.aux
+        self.input_max = model.input_max
         self.layers = nn.ModuleList(IntegerLayer(x) for x in model.layers)
 
     def codes(self, x: Tensor) -> Tensor:
         """Input codes; x in single precision, as everywhere."""
-        scale = torch.from_numpy(self.input_scale).to(x.device).view(1, -1, 1, 1)
-        return (x.float() * scale + 0.5).floor().clamp(0, WIDE_MAX)
+        scale, top = (torch.from_numpy(v).to(x.device).view(1, -1, 1, 1)
+                      for v in (self.input_scale, self.input_max))
+        return (x.float() * scale + 0.5).floor().clamp(min=0).minimum(top.float())
 
     def forward(self, x: Tensor) -> Tensor:
         maps = {"input": self.codes(x).to(self.layers[0].weight.dtype)}
@@ -186,7 +195,7 @@ class IntegerNet(nn.Module):
     def integer_model(self) -> IntModel:
         """The model as it is now; ModelError if sums could leave 32 bits."""
         model = IntModel(self.net, [x.rounded() for x in self.layers], self.input_scale,
-                         self.output_scale)
+                         self.output_scale, self.aux)
         for x in model.layers:
             check_layer(x, "trained model")
         return model

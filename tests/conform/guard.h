@@ -2,15 +2,14 @@
 #ifndef LULL_TESTS_GUARD_H
 #define LULL_TESTS_GUARD_H
 
-#include <stddef.h>
-#include <stdint.h>
+#include "kernels.h"
 
 /* Which buffer: a segment's row or weights (add the segment's number), or another part of a
  * call. */
 enum {
     GUARD_ROW = 0,
-    GUARD_WEIGHTS = 6,
-    GUARD_BIAS = 12,
+    GUARD_WEIGHTS = GUARD_ROW + LULL_MAX_SEGMENTS,
+    GUARD_BIAS = GUARD_WEIGHTS + LULL_MAX_SEGMENTS,
     GUARD_MULTIPLIER,
     GUARD_START,
     GUARD_ROOM,

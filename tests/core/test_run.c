@@ -8,6 +8,7 @@
 #include "lull.h"
 
 #define WEIGHTS "tests/golden/unet_9_mixed/weights.tza"
+#define AUX_WEIGHTS "tests/golden/int_unet_9_aux/weights.tza"
 #define COLOR_WEIGHTS "tests/golden/unet_3_eights/weights.tza"
 #define ALL_FEATURES (LULL_HAS_COLOR | LULL_HAS_ALBEDO | LULL_HAS_NORMAL)
 
@@ -172,10 +173,10 @@ static void same_bytes_for_every_schedule(void)
     free_scene(&s);
 }
 
-static void in_place_equals_out_of_place(void)
+static void run_in_place(const char *weights)
 {
     static const unsigned strips[] = {0, 16, 48, 112};
-    lull_model *model = load_model(WEIGHTS);
+    lull_model *model = load_model(weights);
     for (unsigned target = 0; target < 3; target++)
         for (size_t v = 0; v < 4; v++) {
             scene s = make_scene(150, 60, 3), t = make_scene(150, 60, 3);
@@ -206,10 +207,16 @@ static lull_image rows_from(const lull_image *image, unsigned width, unsigned y)
     return rows;
 }
 
-static void streamed_rows_equal_a_run(void)
+static void in_place_equals_out_of_place(void)
+{
+    run_in_place(WEIGHTS);
+    run_in_place(AUX_WEIGHTS);
+}
+
+static void run_streamed(const char *weights)
 {
     static const unsigned pushes[] = {1, 7, 16, 40, 1000};
-    lull_model *model = load_model(WEIGHTS);
+    lull_model *model = load_model(weights);
     for (size_t v = 0; v < sizeof pushes / sizeof pushes[0]; v++) {
         scene s = make_scene(50, 203, 3);
         size_t bytes = (size_t)s.width * s.height * 3 * sizeof(float);
@@ -244,6 +251,12 @@ static void streamed_rows_equal_a_run(void)
         free_scene(&s);
     }
     free(model);
+}
+
+static void streamed_rows_equal_a_run(void)
+{
+    run_streamed(WEIGHTS);
+    run_streamed(AUX_WEIGHTS);
 }
 
 static void plans_can_be_moved(void)

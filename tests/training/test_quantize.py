@@ -11,6 +11,7 @@ from export import quantize
 from export.accuracy import Sample, compare, ssim
 from export.calibrate import Kind, frame_of, network_inputs, read_picture, synthetic_frames
 from export.pixels import Frame
+from export.quantize import integer_tensors, write_integer
 from export.quantizer import Options, Quantizer, channel_range
 from export.reference import NARROW_MAX, load_model
 from export.synthetic import noisy, scene
@@ -166,17 +167,14 @@ def deepest_error(model, made):
     for layer in q.model.layers:
         name, maps = layer.layer.name, q.codes[0]
         unit = layer.scale.astype(np.float64)  # output codes per accumulator unit
-        wide = 2.0**-layer.shift
         up = 2 if layer.layer.up else 1
         h = maps[layer.layer.source].shape[0] * up
         plain = np.zeros((h, maps[layer.layer.source].shape[1] * up, layer.outputs))
-        x = maps[layer.layer.source].astype(np.float64)
-        x = x * wide if layer.source_max > NARROW_MAX else x
         from export.convolve import pooled, taps_3x3, taps_phases
-        (taps_phases if up == 2 else taps_3x3)(plain, x, layer.weight, 0)
-        if layer.skip is not None:
-            s = maps[layer.layer.skip].astype(np.float64)
-            taps_3x3(plain, s * wide if layer.skip_max > NARROW_MAX else s, layer.skip, 0)
+        for part in layer.parts():
+            x = maps[part.name][..., part.channels].astype(np.float64)
+            x = x * 2.0**-layer.shift if part.wide else x
+            (taps_phases if part.up else taps_3x3)(plain, x, part.weight, 0)
         wanted = np.clip((plain + layer.bias) * unit, 0, layer.out_max)
         wanted = pooled(wanted) if layer.layer.pool else wanted
         slack = 0.5 + (0.5 * unit if layer.shift else 0) + 1e-3
@@ -207,6 +205,21 @@ def test_bias_correction_and_rounding_by_effect_help():
         return float(((made.run(x) - wanted) ** 2).mean())
 
     assert error() < 0.7 * error(refine=False, correct_bias=False)
+
+
+def test_albedo_and_normals_are_narrow_unless_asked_for(tmp_path):
+    """Rounded to 8 bits they change little, and the layers that read them work on bytes."""
+    model = load_model(fp16("unet_9_mixed"))
+    frame = frame_of(noisy(64, 3, 2), Kind.of(9, "hdr", "color"))
+    inputs, errors = network_inputs([frame]), []
+    for wide_aux in (False, True):
+        made = Quantizer(model, inputs, Options(samples=4000, wide_aux=wide_aux)).run()
+        write_integer(tmp_path / "model.tza", integer_tensors(made))
+        again = load_model(tmp_path / "model.tza")
+        assert again.aux == (0 if wide_aux else 6)
+        assert (again.run(inputs[0]) == made.run(inputs[0])).all()
+        errors.append(float(((again.run(inputs[0]) - model.run(inputs[0])) ** 2).mean()))
+    assert errors[0] < 1.5 * errors[1]
 
 
 def test_errors_below_zero_do_not_move_biases():

@@ -86,6 +86,19 @@ def test_a_layer_is_the_formula(wide, w, narrow, v, bias, scale, shift, top):
     assert layer.run(maps)[0, 0, 0] == min(max((a * multiplier + 2**30) >> 31, 0), top)
 
 
+def test_narrow_channels_of_the_input_are_not_shifted():
+    """One pixel of a layer on an input of three wide channels and one narrow one."""
+    weight = np.zeros((1, 4, 3, 3), np.int8)
+    weight[0, :, 1, 1] = 5, -3, 2, 7
+    layer = IntLayer(Layer("l", "input", False, None, False), weight, None,
+                     np.array([11], np.int32), np.array([0.25], np.float32), 4,
+                     WIDE_MAX, NARROW_MAX, NARROW_MAX, aux=1)
+    maps = {"input": np.array([[[1000, 333, 77, 200]]], np.uint16)}
+    a = ((1000 * 5 - 333 * 3 + 77 * 2 + 8) >> 4) + 11 + 200 * 7
+    assert layer.run(maps)[0, 0, 0] == min((a * 2**29 + 2**30) >> 31, NARROW_MAX)
+    assert [part.wide for part in layer.parts()] == [True, False]
+
+
 def test_golden_integer_models():
     assert len(golden_int.CASES) >= 8
     assert golden_int.check(GOLDEN) == []
@@ -119,6 +132,10 @@ def huge_sums(t):
     t["dec_conv1a.bias"][:] = 2**31 - 1
 
 
+def narrow_aux(channels):
+    return np.array([32767] * 3 + [255] * (channels - 3), np.int32)
+
+
 # What may be wrong with a model: a change to its tensors, and a word of the error.
 BREAKS = [
     (lambda t: t.pop("enc_conv2.scale"), "enc_conv2.scale"),
@@ -137,6 +154,11 @@ BREAKS = [
     (huge_sums, "32 bits"),
     (put("input.scale", -1.0), "input.scale"),
     (put("output.scale", np.inf), "output.scale"),
+    (lambda t: t.update({"input.max": np.full(9, 32767, np.int32)}), "input.max"),
+    (lambda t: t.update({"input.max": np.full(9, 255, np.int32)}), "input.max"),
+    (lambda t: t.update({"input.max": narrow_aux(6)}), "input.max"),
+    (lambda t: t.update({"input.max": narrow_aux(9).astype(np.float32)}), "input.max"),
+    (lambda t: t.update({"input.max": narrow_aux(9)}), "pair-safe"),
     (lambda t: t.update({"dec_conv1a.max": np.array([254], np.int32)}), "dec_conv1a.max"),
     (lambda t: t.update({"dec_conv1a.max": np.array([32767, 1], np.int32)}), "dec_conv1a.max"),
     (lambda t: t.update({"enc_conv1.max": np.array([32767], np.int32)}), "enc_conv1.max"),

@@ -34,6 +34,7 @@ def run(build: Path, work: Path, images: dict[str, np.ndarray], model: Path, *ar
     ("int_unet_9_mixed", "hdr", ("--hdr",)), ("int_unet_9_mixed", "ldr", ("--ldr",)),
     ("int_unet_9_extreme", "srgb", ("--ldr", "--srgb")), ("int_unet_6_wide", "hdr", ("--hdr",)),
     ("int_unet_large_3_wide", "hdr", ("--hdr",)),
+    ("int_unet_9_aux", "hdr", ("--hdr",)), ("int_unet_6_aux_extreme", "ldr", ("--ldr",)),
     ("int_unet_3_widest", "lightmap-hdr", ("--hdr", "-f", "RTLightmap")),
     ("int_unet_3_eights", "lightmap-dir", ("--dir", "-f", "RTLightmap")),
 ])
