@@ -78,7 +78,7 @@ CASES = (
          (16, 48, 16, 16, 5, 4, 5, 6, 5, 48, 16, 16, 32, 48, 32), 3, middle=("dec_conv1a",),
          extreme=True),
     Case("int_unet_9_aux", "unet", 16, 48, 9,
-         (32, 16, 32, 48, 7, 8, 5, 6, 8, 16, 32, 16, 16, 16, 16), 7, middle=("dec_conv1a",),
+         (16, 16, 32, 48, 7, 8, 5, 6, 8, 16, 32, 16, 16, 16, 16), 6, middle=("dec_conv1a",),
          narrow_aux=True),
     Case("int_unet_6_aux_extreme", "unet", 32, 16, 6,
          (5, 9, 8, 3, 16, 5, 12, 9, 11, 8, 7, 10, 5, 17, 32), 15, narrow_aux=True, extreme=True),

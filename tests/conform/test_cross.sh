@@ -12,9 +12,11 @@ cd "$(dirname "$0")/../.." || exit 1
 build=${LULL_BUILD:-build}
 jobs=${JOBS:-$(getconf _NPROCESSORS_ONLN 2>/dev/null || echo 2)}
 passed=0 failed=0 skipped=0
+built= # TARGET:EMULATOR ...
 
-# Names of the test programs of the folders whose tests are quick enough for an emulator.
-programs=$(cat tests/unit/sources.mk tests/golden/sources.mk tests/conform/sources.mk 2>/dev/null |
+# Names of the test programs of the folders whose tests are quick enough for an emulator, those that take
+# longest first.
+programs=$(cat tests/conform/sources.mk tests/golden/sources.mk tests/unit/sources.mk 2>/dev/null |
     sed -n 's/^TEST_\([a-z0-9_]*\)_SOURCES.*/\1/p' |
     grep -v '^conform_emulated$') # that one emulates x86: once is enough
 
@@ -28,27 +30,26 @@ fail() { # fail TARGET REASON
     failed=$((failed + 1))
 }
 
-# Adds the counts of a program to ours; its lines are shown with the target's name.
-run_program() { # run_program TARGET EMULATOR PROGRAM
-    log=$build/cross-$1/$3.log
-    "$2" "$build/cross-$1/test/$3" >"$log" 2>&1
-    status=$?
+# Adds the counts of a program, which has run, to ours; its lines are shown with the target's name.
+count_program() { # count_program TARGET PROGRAM
+    log=$build/cross-$1/$2.log
+    status=$(cat "$log.status" 2>/dev/null || echo unknown)
     counts=$(tail -1 "$log" |
         sed -n 's/^\([0-9]*\) passed, \([0-9]*\) failed, \([0-9]*\) skipped$/\1 \2 \3/p')
     if [ -z "$counts" ]; then
-        fail "$1 $3" "exit status $status, no closing line of counts"
+        fail "$1 $2" "exit status $status, no closing line of counts"
         tail -5 "$log"
         return
     fi
     # shellcheck disable=SC2086
-    set -- "$1" "$2" "$3" $counts
-    passed=$((passed + $4)) failed=$((failed + $5)) skipped=$((skipped + $6))
-    echo "$1 $3: $4 passed, $5 failed, $6 skipped"
-    sed -n "s/^\(FAIL\|SKIP\) /\1 $1 $3 /p" "$log"
-    [ "$status" = 0 ] || [ "$5" -gt 0 ] || fail "$1 $3" "exit status $status, but no test failed"
+    set -- "$1" "$2" $counts
+    passed=$((passed + $3)) failed=$((failed + $4)) skipped=$((skipped + $5))
+    echo "$1 $2: $3 passed, $4 failed, $5 skipped"
+    sed -n "s/^\(FAIL\|SKIP\) /\1 $1 $2 /p" "$log"
+    [ "$status" = 0 ] || [ "$4" -gt 0 ] || fail "$1 $2" "exit status $status, but no test failed"
 }
 
-run_target() { # run_target TARGET COMPILER EMULATOR PACKAGE
+build_target() { # build_target TARGET COMPILER EMULATOR PACKAGE
     command -v "$2" >/dev/null 2>&1 || { skip "$1" "$2 is missing (Debian: $4)"; return; }
     command -v "$3" >/dev/null 2>&1 || { skip "$1" "$3 is missing (Debian: qemu-user)"; return; }
     folder=$build/cross-$1
@@ -63,17 +64,29 @@ run_target() { # run_target TARGET COMPILER EMULATOR PACKAGE
         tail -20 "$folder/make.log"
         return
     fi
-    for program in $programs; do run_program "$1" "$3" "$program"; done
+    built="$built $1:$3"
 }
 
 [ $# -gt 0 ] || set -- aarch64 armhf s390x
 for target; do
     case $target in
-    aarch64) run_target aarch64 aarch64-linux-gnu-gcc qemu-aarch64 gcc-aarch64-linux-gnu ;;
-    armhf) run_target armhf arm-linux-gnueabihf-gcc qemu-arm gcc-arm-linux-gnueabihf ;;
-    s390x) run_target s390x s390x-linux-gnu-gcc qemu-s390x gcc-s390x-linux-gnu ;;
+    aarch64) build_target aarch64 aarch64-linux-gnu-gcc qemu-aarch64 gcc-aarch64-linux-gnu ;;
+    armhf) build_target armhf arm-linux-gnueabihf-gcc qemu-arm gcc-arm-linux-gnueabihf ;;
+    s390x) build_target s390x s390x-linux-gnu-gcc qemu-s390x gcc-s390x-linux-gnu ;;
     *) fail "$target" "no such target" ;;
     esac
+done
+
+# As many at once as there are processors.
+for program in $programs; do
+    for target in $built; do
+        log=$build/cross-${target%%:*}/$program.log
+        rm -f "$log.status"
+        echo "${target#*:} $build/cross-${target%%:*}/test/$program $log"
+    done
+done | xargs -r -n 3 -P "$jobs" sh -c '"$1" "$2" >"$3" 2>&1; echo $? >"$3.status"' run
+for target in $built; do
+    for program in $programs; do count_program "${target%%:*}" "$program"; done
 done
 echo "$passed passed, $failed failed, $skipped skipped"
 [ "$failed" = 0 ]
