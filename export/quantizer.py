@@ -92,7 +92,8 @@ class Quantizer:
         self.source, self.net, self.options, self.log = model, model.net, options, log
         wide = second_last(self.net) if options.wide is None else options.wide
         self.tops = dict.fromkeys(wide, MIDDLE_MAX) | dict.fromkeys(self.net.wide, WIDE_MAX)
-        self.aux = 0 if self.options.wide_aux else max(model.inputs - MAIN_CHANNELS, 0)
+        has_aux = "input" in self.tops and not options.wide_aux  # family K's input is narrow
+        self.aux = max(model.inputs - MAIN_CHANNELS, 0) if has_aux else 0
         self.inputs = [np.asarray(x, np.float32) for x in inputs]
         self.floats = [model.maps(x) for x in self.inputs]
         self.codes: list[dict[str, np.ndarray]] = []
