@@ -14,12 +14,14 @@ from tests.apps.conftest import runner
 
 @pytest.fixture
 def clean_up(build: Path, tmp_path: Path) -> Callable[..., np.ndarray]:
-    """clean_up(images, quality) -> the denoised colour; images by name: color, albedo, normal."""
+    """clean_up(images, quality, *more options) -> the denoised colour; images by name: color,
+    albedo, normal."""
     run = runner(build / "bin" / "oidnDenoise")
     options = {"color": "--hdr", "albedo": "--alb", "normal": "--nrm"}
 
-    def denoise(images: dict[str, np.ndarray], quality: str = "high") -> np.ndarray:
-        arguments: list[object] = ["-q", quality, "-o", tmp_path / "out.pfm"]
+    def denoise(images: dict[str, np.ndarray], quality: str = "high",
+                *more: str) -> np.ndarray:
+        arguments: list[object] = ["-q", quality, "-o", tmp_path / "out.pfm", *more]
         for name, option in options.items():
             if name in images:
                 image = np.asarray(images[name], np.float32)
