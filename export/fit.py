@@ -13,6 +13,7 @@ import numpy as np
 from export.bounds import Bound, own_groups, pair_groups, word_groups
 from export.fold import phase_kernels
 from export.graph import Layer
+from export.reference import NARROW_MAX, WIDE_MAX, kinds
 
 GOLDEN = 0.6180339887498949
 
@@ -102,10 +103,9 @@ def make_fit(layer: Layer, weight: np.ndarray, steps: Mapping[str, np.ndarray],
             continue
         w = w * steps[name][:, None, None]
         w = phase_kernels(w) if layer.up and name == layer.source else w
-        first = w.shape[1] - (aux if name == "input" else 0)
-        blocks.append(Block(w[:, :first], name in wide, one_tap))
-        if first < w.shape[1]:
-            blocks.append(Block(w[:, first:], False))
+        top = WIDE_MAX if name in wide else NARROW_MAX
+        for channels, most in kinds(name, w.shape[1], top, aux):
+            blocks.append(Block(w[:, channels], most > NARROW_MAX, one_tap))
     return Fit(layer, len(weight), tuple(blocks))
 
 

@@ -31,6 +31,7 @@ from export.reference import (
     WIDE_MAX,
     IntLayer,
     IntModel,
+    kinds,
     load_model,
 )
 
@@ -53,7 +54,6 @@ class Case:
     middle: tuple[str, ...] = ()  # and with 13-bit ones
     narrow_aux: bool = False  # albedo and normals are narrow
     extreme: bool = False  # only the largest weights that are allowed, and inputs of 0 and 1
-
 
     @property
     def aux(self) -> int:
@@ -106,16 +106,12 @@ def random_layer(rng: np.random.Generator, case: Case, net: Net, layer: Layer,
     top = {name: WIDE_MAX if name in net.wide or name in case.wide
            else MIDDLE_MAX if name in case.middle else NARROW_MAX
            for name in (layer.source, layer.skip, layer.name)}
-    wide = {name: most > NARROW_MAX for name, most in top.items()}
     rows, k = (4 * o, 2) if layer.up else (o, 3)
 
     def weights(name: str, rows: int, k: int) -> np.ndarray:
-        c = maps[name].shape[2]
-        aux = case.aux if name == "input" else 0
-        parts = [random_weights(rng, (rows, c - aux, k, k), not wide[name], case.extreme)]
-        if aux:
-            parts.append(random_weights(rng, (rows, aux, k, k), True, case.extreme))
-        return np.concatenate(parts, 1)
+        return np.concatenate([
+            random_weights(rng, (rows, c.stop - c.start, k, k), most == NARROW_MAX, case.extreme)
+            for c, most in kinds(name, maps[name].shape[2], top[name], case.aux)], 1)
 
     weight = weights(layer.source, rows, k)
     skip = weights(layer.skip, o, 3) if layer.skip else None

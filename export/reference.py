@@ -69,6 +69,15 @@ class FloatModel:
         return self.maps(x)[self.net.last.name]
 
 
+def kinds(name: str, channels: int, top: int, aux: int) -> Iterator[tuple[slice, int]]:
+    """The channels of a tensor by kind of code, each with its largest: `top`, but of the network's
+    input the last `aux` are narrow."""
+    split = channels - (aux if name == "input" else 0)
+    yield slice(0, split), top
+    if split < channels:
+        yield slice(split, channels), NARROW_MAX
+
+
 @dataclass(frozen=True)
 class Part:
     """Channels of a layer's source or skip whose codes are of one kind."""
@@ -106,10 +115,8 @@ class IntLayer:
                 (self.layer.skip, self.skip, self.skip_max, False)):
             if weight is None:
                 continue
-            split = weight.shape[1] - (self.aux if name == "input" else 0)
-            yield Part(name, slice(0, split), weight[:, :split], top, up)
-            if split < weight.shape[1]:
-                yield Part(name, slice(split, None), weight[:, split:], NARROW_MAX)
+            for channels, most in kinds(name, weight.shape[1], top, self.aux):
+                yield Part(name, channels, weight[:, channels], most, up)
 
     @property
     def outputs(self) -> int:

@@ -63,7 +63,8 @@ static void put_input(const lull_plan *plan, const float *v, unsigned at, unsign
                       unsigned n)
 {
     enum { SOME = 16 };
-    const unsigned main_channels = lull_graph_channels(&plan->model->graph, LULL_TENSOR_INPUT);
+    const lull_graph *graph = &plan->model->graph;
+    const unsigned main_channels = lull_graph_channels(graph, LULL_TENSOR_INPUT);
     const int is_aux = at >= main_channels;
     const unsigned tensor = is_aux ? LULL_TENSOR_AUX : LULL_TENSOR_INPUT;
     const size_t pixel = lull_ring_pixel(&plan->ring[tensor]);
@@ -81,11 +82,12 @@ static void put_input(const lull_plan *plan, const float *v, unsigned at, unsign
         scale[i] = plan->model->input_scale[at + i % 3];
     for (unsigned first = 0; first < n; first += SOME) {
         unsigned count = lull_min_u(SOME, n - first);
-        to_codes(codes, v + 3 * first, scale, is_aux ? 255.0f : 32767.0f, 3 * count);
+        to_codes(codes, v + 3 * first, scale, (float)lull_graph_max(graph, tensor), 3 * count);
         for (unsigned i = 0; i < count; i++, to += pixel) {
-            for (unsigned c = 0; is_aux && c < 3; c++)
-                to[c] = (uint8_t)codes[3 * i + c];
-            if (!is_aux)
+            if (is_aux)
+                for (unsigned c = 0; c < 3; c++)
+                    to[c] = (uint8_t)codes[3 * i + c];
+            else
                 memcpy(to, codes + 3 * i, 3 * sizeof *codes);
         }
     }

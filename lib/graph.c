@@ -121,7 +121,7 @@ unsigned lull_graph_level(const lull_graph *graph, unsigned tensor)
 
 unsigned lull_graph_max(const lull_graph *graph, unsigned tensor)
 {
-    if (graph->family == LULL_FAMILY_K)
+    if (graph->family == LULL_FAMILY_K || tensor == LULL_TENSOR_AUX)
         return 255;
     return (1u << (tensor == LULL_TENSOR_INPUT ? 15 : graph->layer[tensor - 1].bits)) - 1;
 }

@@ -84,8 +84,9 @@ class IntegerLayer(nn.Module):
         self.register_buffer("multiplier", torch.from_numpy(source.multiplier()))
 
     def _weight(self, part: Part) -> Tensor:
-        """The weights that a part's are some channels of."""
-        return self.weight if part.name == self.layer.source else self.skip
+        """A part's weights, not yet rounded."""
+        whole = self.weight if part.name == self.layer.source else self.skip
+        return whole[:, part.channels]
 
     def _sums(self, x: Tensor, weight: Tensor) -> Tensor:
         """[N,O,H,W] of a 3x3 convolution, or of the phases of an upsampled source."""
@@ -106,8 +107,8 @@ class IntegerLayer(nn.Module):
         wide = 0.0
         for part, bound in zip(s.parts(), self.bounds, strict=True):
             codes = x if part.name == self.layer.source else skip
-            weight = self._weight(part)[:, part.channels]
-            y = self._sums(codes[:, part.channels], rounded_weights(weight, bound))
+            weight = rounded_weights(self._weight(part), bound)
+            y = self._sums(codes[:, part.channels], weight)
             if part.wide:
                 wide = wide + y
             else:
@@ -134,7 +135,7 @@ class IntegerLayer(nn.Module):
         """What the layer is at present, as an integer layer; its sums are kept within bounds."""
         whole: dict[str, list[np.ndarray]] = {}
         for part, bound in zip(self.source.parts(), self.bounds, strict=True):
-            w = rounded_weights(self._weight(part)[:, part.channels], bound)
+            w = rounded_weights(self._weight(part), bound)
             whole.setdefault(part.name, []).append(w.cpu().numpy().astype(np.int8))
         joined = [np.concatenate(w, 1) for w in whole.values()]
         return dataclasses.replace(self.source, weight=joined[0],
