@@ -3,7 +3,8 @@
 A collage lays one scene over another through a random figure, noise of the edges included: the
 sharp, thin and irregular edges of foliage and lattices. A texture multiplies radiance and albedo
 alike, as the reflectance of a surface does, or radiance alone, as a shadow does. Fireflies and hits
-are noise that the renderer of the data does not make.
+are noise that the renderer of the data does not make. Wide pixel filters make neighbours' noise
+alike.
 """
 from __future__ import annotations
 
@@ -23,6 +24,8 @@ TINTED_P = 0.5              # noise of light found by chance whose hits have col
 ZOOMS = (1.5, 6.0)          # of enlarged tiles
 NEAR = 3                    # pixels of the original around one from which its noise may come
 FADED_P, FADED = 0.4, 0.01  # enlarged tiles with less noise than the original, down to this share
+BLUR_REACH = 2              # pixels, of a wide pixel filter
+BLURS = (0.35, 0.9)         # pixels, standard deviations of Gaussian ones
 
 
 @dataclass(frozen=True)
@@ -39,6 +42,7 @@ class Augment:
     collage: float = 0.0    # share of hdr tiles that show two pictures
     texture: float = 0.0    # share of hdr tiles multiplied by a texture
     zoom: float = 0.0       # share of hdr tiles enlarged, their noise drawn anew
+    blur: float = 0.0       # share of hdr tiles seen through a wide pixel filter
     drop: float = 0.0       # family K: share of tiles that lose auxiliary features
     clip: float = 0.0       # family K: share of tiles clipped at a random white (hdr only)
 
@@ -47,7 +51,7 @@ class Augment:
         """What the settings of a training ask for."""
         return cls(s.exposure_jitter, s.average_inputs, s.blend_target, s.mix_clean_aux,
                    s.normal_signs, s.fireflies, s.hits, s.collage, s.texture, s.zoom,
-                   s.drop_features, s.clip)
+                   s.pixel_filter, s.drop_features, s.clip)
 
 
 def add_fireflies(radiance: np.ndarray, rng: np.random.Generator) -> None:
@@ -184,3 +188,23 @@ def zoomed(x: np.ndarray, aux: np.ndarray, y: np.ndarray,
 
 
 PLAIN = Augment()
+
+
+def blurred(images: list[np.ndarray], rng: np.random.Generator) -> list[np.ndarray]:
+    """Images [h,w,C] of box-filtered pixels as a renderer's wide filter makes them, the same for
+    all: a Gaussian of BLURS, or a tent."""
+    away = np.abs(np.arange(-BLUR_REACH, BLUR_REACH + 1, dtype=np.float64))
+    if rng.random() < 0.5:
+        taps = np.exp(-0.5 * (away / rng.uniform(*BLURS)) ** 2)
+    else:
+        taps = np.maximum(1.0 - away / rng.uniform(1.1, BLUR_REACH), 0.0)
+    taps = (taps / taps.sum()).astype(np.float32)
+    return [_along(_along(image, taps, 0), taps, 1) for image in images]
+
+
+def _along(image: np.ndarray, taps: np.ndarray, axis: int) -> np.ndarray:
+    """An image [h,w,C] filtered along one axis; pixels at its ends count for those beyond."""
+    sides = [(BLUR_REACH,) * 2 if a == axis else (0, 0) for a in range(3)]
+    padded, n = np.pad(image, sides, "edge"), image.shape[axis]
+    cut = (slice(None),) * axis
+    return sum(t * padded[(*cut, slice(k, k + n))] for k, t in enumerate(taps))

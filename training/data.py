@@ -15,8 +15,8 @@ import torch
 from torch import Tensor
 
 from training import color, kernel_model
-from training.augment import DARKEST, PLAIN, SHADOW_P, Augment, add_fireflies, figure, \
-    hits_by_chance, texture, zoomed
+from training.augment import DARKEST, PLAIN, SHADOW_P, Augment, add_fireflies, blurred, \
+    figure, hits_by_chance, texture, zoomed
 from training.errors import DATA, ToolError
 from training.features import encode, load
 from training.scan import CHANNELS, FEATURES, Group, Scan
@@ -187,10 +187,11 @@ class Batches:
             aux = np.average([v[cut][..., m:].astype(np.float32) for v in picture.inputs], 0,
                              picture.weights)
         xm, ym = x[..., :m], y[..., :m]
-        flies, hits, collage, textured, zoom = (hdr and p > 0 and rng.random() < p for p in (
-            a.fireflies, a.hits, a.collage, a.texture, a.zoom))
+        flies, hits, collage, textured, zoom, blur = (hdr and p > 0 and rng.random() < p for p in (
+            a.fireflies, a.hits, a.collage, a.texture, a.zoom, a.blur))
         zoom = zoom and picture.target_spp >= CLEANER * spp
-        if stops or average or blend or clip or flies or hits or collage or textured or zoom:
+        if (stops or average or blend or clip or flies or hits or collage or textured or zoom
+                or blur):
             xr, yr = self.table.decode(xm), self.table.decode(ym)
             if average:
                 xr = np.average([self.table.decode(v[cut][..., :m]) for v in picture.inputs], 0,
@@ -210,6 +211,8 @@ class Batches:
             xr, yr = xr * scale, yr * scale
             if flies:
                 add_fireflies(xr, rng)
+            if blur:
+                xr, aux, yr = blurred([xr, aux.astype(np.float32), yr], rng)
             if clip:
                 scale, top = np.float32(2.0**rng.uniform(*WHITES)), np.float32(1)
                 xr, yr = xr * scale, yr * scale

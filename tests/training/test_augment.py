@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from training import augment, color
-from training.augment import DARKEST, ZOOMS, Augment, between, enlarge, figure, \
+from training.augment import DARKEST, ZOOMS, Augment, between, blurred, enlarge, figure, \
     hits_by_chance, texture, waves, zoomed
 from training.data import Batches, Picture
 
@@ -188,3 +188,35 @@ def test_only_clean_targets_are_enlarged(spp, is_zoomed):
     _, out, _ = batches.light(p[0], 0, np.s_[:48, :48], np.random.default_rng(1))
     stripes = np.array_equal(out, y[..., :3].astype(np.float32))
     assert stripes != is_zoomed and ZOOMS[0] > 1
+
+
+def test_wide_filters_make_neighbours_alike():
+    """Means stay, noise becomes less and is shared by neighbours, along rows and columns alike; all
+    images are seen through one filter, which is symmetric."""
+    rng = np.random.default_rng(6)
+    point = np.zeros((9, 9, 1), np.float32)
+    point[4, 4] = 1.0
+    shares = []
+    for seed in range(40):
+        x = rng.gamma(0.5, 2.0, (64, 64, 3)).astype(np.float32)
+        a, spread = blurred([x, point], np.random.default_rng(seed))
+        assert a.dtype == np.float32 and a.shape == x.shape
+        assert abs(a.mean() / x.mean() - 1) < 0.01 and a.std() < 0.95 * x.std()
+        assert np.isclose(spread.sum(), 1.0, atol=1e-6) and spread.max() == spread[4, 4]
+        assert (spread == spread[::-1]).all() and np.allclose(spread, spread.transpose(1, 0, 2))
+        e = a - a.mean()
+        shares.append([(e[:, 1:] * e[:, :-1]).mean() / e.var(),
+                       (e[1:] * e[:-1]).mean() / e.var()])
+    assert 0.01 < np.min(shares) and 0.4 < np.max(shares) < 0.8
+    assert np.allclose(*np.mean(shares, 0), atol=0.03)
+
+
+def test_wide_filters_are_seen_by_input_target_and_features():
+    rng = np.random.default_rng(7)
+    y = rng.uniform(0.1, 0.6, (48, 48, 9)).astype(np.float16)
+    plain, seen = (Batches([Picture("g", [y], [1.0], y)], F, "hdr", "pu", 1, 48, 1, a).light(
+        Picture("g", [y], [1.0], y), 0, np.s_[:48, :48], np.random.default_rng(3))
+        for a in (Augment(), Augment(blur=1.0)))
+    assert np.array_equal(seen[0][..., :3], seen[1])
+    for c in range(9):
+        assert seen[0][..., c].std() < 0.9 * plain[0][..., c].std()
