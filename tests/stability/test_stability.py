@@ -137,6 +137,28 @@ def test_correlated_noise_is_not_sharpened(clean_up):
     assert psnr(clean_up(images), frame["clean"]) > psnr(images["color"], frame["clean"])
 
 
+def through_filter(image: np.ndarray, std: float) -> np.ndarray:
+    """Pixels as a Gaussian filter of this standard deviation makes them of box-filtered ones."""
+    taps = np.exp(-0.5 * (np.arange(-2, 3) / std) ** 2)
+    for axis in (0, 1):
+        image = sum(w * np.roll(image, k, axis) for k, w in
+                    zip(range(-2, 3), taps / taps.sum(), strict=True))
+    return image.astype(np.float32)
+
+
+@pytest.mark.parametrize("quality", QUALITIES)
+@pytest.mark.parametrize("std", [0.5, 0.7])
+def test_noise_seen_through_a_wide_filter_is_taken_away(clean_up, quality, std):
+    """Not only noise of single pixels is noise."""
+    frame = scene()
+    noise = np.random.default_rng(8).gamma(0.5, 2.0, (*frame["clean"].shape[:2], 1))
+    clean = through_filter(frame["clean"], std)
+    images = {"color": through_filter(frame["clean"] * noise, std),
+              "albedo": through_filter(frame["albedo"], std),
+              "normal": through_filter(frame["normal"], std)}
+    assert psnr(clean_up(images, quality), clean) > psnr(images["color"], clean) + 8
+
+
 def test_frames_of_an_animation_agree(clean_up):
     """Other noise, same picture: what flickers is a small part of the noise."""
     frame = scene()
