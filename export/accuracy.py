@@ -29,14 +29,18 @@ def psnr(a: np.ndarray, b: np.ndarray) -> float:
     return 10 * math.log10(1 / error) if error else math.inf
 
 
+def through_window(x: np.ndarray, taps: np.ndarray) -> np.ndarray:
+    """[H,W,C] -> [H-n+1,W-n+1,C]: sums over n x n pixels, weighted by n taps down and across."""
+    h, w = x.shape[0] - len(taps) + 1, x.shape[1] - len(taps) + 1
+    rows = sum(t * x[k:k + h] for k, t in enumerate(taps))
+    return sum(t * rows[:, k:k + w] for k, t in enumerate(taps))
+
+
 def _blurred(x: np.ndarray) -> np.ndarray:
     """Gaussian window over [H,W,C] without padding."""
     t = np.arange(TAPS) - TAPS // 2
     w = np.exp(-(t**2) / (2 * SIGMA**2))
-    w /= w.sum()
-    h, width = x.shape[0] - TAPS + 1, x.shape[1] - TAPS + 1
-    rows = sum(w[i] * x[i:i + h] for i in range(TAPS))
-    return sum(w[i] * rows[:, i:i + width] for i in range(TAPS))
+    return through_window(x, w / w.sum())
 
 
 def ssim(a: np.ndarray, b: np.ndarray) -> float:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from export.accuracy import through_window
 from training import color
 
 WAVELENGTHS = (3.0, 160.0)  # pixels, of the waves that figures are made of
@@ -187,24 +188,17 @@ def zoomed(x: np.ndarray, aux: np.ndarray, y: np.ndarray,
     return np.clip(light, 0.0, np.float32(color.HDR_MAX)), features, target
 
 
-PLAIN = Augment()
-
-
 def blurred(images: list[np.ndarray], rng: np.random.Generator) -> list[np.ndarray]:
     """Images [h,w,C] of box-filtered pixels as a renderer's wide filter makes them, the same for
-    all: a Gaussian of BLURS, or a tent."""
+    all: a Gaussian of BLURS, or a tent. Pixels at the border count for those beyond."""
     away = np.abs(np.arange(-BLUR_REACH, BLUR_REACH + 1, dtype=np.float64))
     if rng.random() < 0.5:
         taps = np.exp(-0.5 * (away / rng.uniform(*BLURS)) ** 2)
     else:
         taps = np.maximum(1.0 - away / rng.uniform(1.1, BLUR_REACH), 0.0)
     taps = (taps / taps.sum()).astype(np.float32)
-    return [_along(_along(image, taps, 0), taps, 1) for image in images]
+    sides = ((BLUR_REACH,) * 2, (BLUR_REACH,) * 2, (0, 0))
+    return [through_window(np.pad(image, sides, "edge"), taps) for image in images]
 
 
-def _along(image: np.ndarray, taps: np.ndarray, axis: int) -> np.ndarray:
-    """An image [h,w,C] filtered along one axis; pixels at its ends count for those beyond."""
-    sides = [(BLUR_REACH,) * 2 if a == axis else (0, 0) for a in range(3)]
-    padded, n = np.pad(image, sides, "edge"), image.shape[axis]
-    cut = (slice(None),) * axis
-    return sum(t * padded[(*cut, slice(k, k + n))] for k, t in enumerate(taps))
+PLAIN = Augment()

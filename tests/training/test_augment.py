@@ -214,9 +214,9 @@ def test_wide_filters_make_neighbours_alike():
 def test_wide_filters_are_seen_by_input_target_and_features():
     rng = np.random.default_rng(7)
     y = rng.uniform(0.1, 0.6, (48, 48, 9)).astype(np.float16)
-    plain, seen = (Batches([Picture("g", [y], [1.0], y)], F, "hdr", "pu", 1, 48, 1, a).light(
-        Picture("g", [y], [1.0], y), 0, np.s_[:48, :48], np.random.default_rng(3))
-        for a in (Augment(), Augment(blur=1.0)))
+    p = Picture("g", [y], [1.0], y)
+    plain, seen = (Batches([p], F, "hdr", "pu", 1, 48, 1, a).light(
+        p, 0, np.s_[:48, :48], np.random.default_rng(3)) for a in (Augment(), Augment(blur=1.0)))
     assert np.array_equal(seen[0][..., :3], seen[1])
     for c in range(9):
         assert seen[0][..., c].std() < 0.9 * plain[0][..., c].std()
