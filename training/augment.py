@@ -4,7 +4,8 @@ A collage lays one scene over another through a random figure, noise of the edge
 sharp, thin and irregular edges of foliage and lattices. A texture multiplies radiance and albedo
 alike, as the reflectance of a surface does, or radiance alone, as a shadow does. Fireflies and hits
 are noise that the renderer of the data does not make. Wide pixel filters make neighbours' noise
-alike.
+alike. Out of focus or in motion, each sample of a pixel sees another place, so that features are
+noise as well.
 """
 from __future__ import annotations
 
@@ -27,6 +28,10 @@ NEAR = 3                    # pixels of the original around one from which its n
 FADED_P, FADED = 0.4, 0.01  # enlarged tiles with less noise than the original, down to this share
 BLUR_REACH = 2              # pixels, of a wide pixel filter
 BLURS = (0.35, 0.9)         # pixels, standard deviations of Gaussian ones
+DEFOCUS_SPP = 16            # most samples per pixel of inputs that get out of focus
+DEFOCUS = (1.0, 12.0)       # pixels, largest radius of a tile's circles of confusion
+DEFOCUS_TAPS = 48           # places that stand for such a circle
+MOTION_P = 0.25             # tiles that are in motion along a line instead
 
 
 @dataclass(frozen=True)
@@ -44,6 +49,7 @@ class Augment:
     texture: float = 0.0    # share of hdr tiles multiplied by a texture
     zoom: float = 0.0       # share of hdr tiles enlarged, their noise drawn anew
     blur: float = 0.0       # share of hdr tiles seen through a wide pixel filter
+    defocus: float = 0.0    # share of hdr tiles of few samples out of focus or in motion
     drop: float = 0.0       # family K: share of tiles that lose auxiliary features
     clip: float = 0.0       # family K: share of tiles clipped at a random white (hdr only)
 
@@ -52,7 +58,7 @@ class Augment:
         """What the settings of a training ask for."""
         return cls(s.exposure_jitter, s.average_inputs, s.blend_target, s.mix_clean_aux,
                    s.normal_signs, s.fireflies, s.hits, s.collage, s.texture, s.zoom,
-                   s.pixel_filter, s.drop_features, s.clip)
+                   s.pixel_filter, s.defocus, s.drop_features, s.clip)
 
 
 def add_fireflies(radiance: np.ndarray, rng: np.random.Generator) -> None:
@@ -199,6 +205,45 @@ def blurred(images: list[np.ndarray], rng: np.random.Generator) -> list[np.ndarr
     taps = (taps / taps.sum()).astype(np.float32)
     sides = ((BLUR_REACH,) * 2, (BLUR_REACH,) * 2, (0, 0))
     return [through_window(np.pad(image, sides, "edge"), taps) for image in images]
+
+
+def defocused(x: np.ndarray, aux: np.ndarray, y: np.ndarray, spp: float, clean: bool,
+              rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Radiance, features and target [h,w,C] out of focus, by radii that change over the tile, or in
+    motion: the target is the mean over the circle (or line) around each pixel, the input that of
+    `spp` random places in it, features included unless `clean`. At 1 sample that is what a
+    renderer does; with more, light has less noise than features. Pixels at the border count for
+    those beyond.
+    """
+    h, w = y.shape[:2]
+    f, _ = waves(h, w, rng)
+    radius = math.exp(rng.uniform(*map(math.log, DEFOCUS)))
+    radius = radius * np.clip(0.5 + f * 2.0 ** rng.uniform(-3, 1), 0.0, 1.0)
+    k = (np.arange(DEFOCUS_TAPS) + 0.5) / DEFOCUS_TAPS
+    if rng.random() < MOTION_P:
+        angle, away = rng.uniform(0, np.pi), 2 * k - 1
+    else:  # a sunflower's seeds are spread evenly
+        angle, away = np.pi * (3 - math.sqrt(5)) * np.arange(DEFOCUS_TAPS), np.sqrt(k)
+    dy, dx = (away * np.sin(angle)).astype(np.float32), (away * np.cos(angle)).astype(np.float32)
+    rows, columns = np.arange(h)[:, None], np.arange(w)[None, :]
+
+    def places(tap) -> tuple[np.ndarray, np.ndarray]:
+        at = ((rows, dy[tap], h), (columns, dx[tap], w))
+        return tuple(np.clip(np.rint(i + radius * d).astype(int), 0, n - 1) for i, d, n in at)
+
+    def mean(images: list[np.ndarray], taps) -> list[np.ndarray]:
+        sums = [np.zeros(image.shape, np.float32) for image in images]
+        for tap in taps:
+            at = places(tap)
+            for total, image in zip(sums, images):
+                total += image[at]
+        return [total / np.float32(len(taps)) for total in sums]
+
+    seen = [rng.integers(0, DEFOCUS_TAPS, (h, w)) for _ in range(max(1, round(spp)))]
+    noisy, steady = ([x], [y, aux]) if clean else ([x, aux], [y])
+    noisy, steady = mean(noisy, seen), mean(steady, range(DEFOCUS_TAPS))
+    target, light = steady[0], noisy[0]
+    return light, (steady if clean else noisy)[1], target
 
 
 PLAIN = Augment()

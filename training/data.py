@@ -15,8 +15,8 @@ import torch
 from torch import Tensor
 
 from training import color, kernel_model
-from training.augment import DARKEST, PLAIN, SHADOW_P, Augment, add_fireflies, blurred, \
-    figure, hits_by_chance, texture, zoomed
+from training.augment import DARKEST, DEFOCUS_SPP, PLAIN, SHADOW_P, Augment, add_fireflies, \
+    blurred, defocused, figure, hits_by_chance, texture, zoomed
 from training.errors import DATA, ToolError
 from training.features import encode, load
 from training.scan import CHANNELS, FEATURES, Group, Scan
@@ -187,11 +187,13 @@ class Batches:
             aux = np.average([v[cut][..., m:].astype(np.float32) for v in picture.inputs], 0,
                              picture.weights)
         xm, ym = x[..., :m], y[..., :m]
-        flies, hits, collage, textured, zoom, blur = (hdr and p > 0 and rng.random() < p for p in (
-            a.fireflies, a.hits, a.collage, a.texture, a.zoom, a.blur))
+        flies, hits, collage, textured, zoom, blur, defocus = (
+            hdr and p > 0 and rng.random() < p for p in (
+                a.fireflies, a.hits, a.collage, a.texture, a.zoom, a.blur, a.defocus))
         zoom = zoom and picture.target_spp >= CLEANER * spp
+        defocus = defocus and spp <= DEFOCUS_SPP
         if (stops or average or blend or clip or flies or hits or collage or textured or zoom
-                or blur):
+                or blur or defocus):
             xr, yr = self.table.decode(xm), self.table.decode(ym)
             if average:
                 xr = np.average([self.table.decode(v[cut][..., :m]) for v in picture.inputs], 0,
@@ -207,6 +209,9 @@ class Batches:
                 xr, aux, yr = self.collage(xr, aux, yr, spp, clean, rng)
             if textured:
                 xr, aux, yr = self.textured(xr, aux, yr, spp, rng)
+            if defocus:
+                clean = clean and y.shape[-1] > m or self.clean_aux
+                xr, aux, yr = defocused(xr, aux, yr, spp, clean, rng)
             scale, top = np.float32(2.0**stops), np.float32(color.HDR_MAX)
             xr, yr = xr * scale, yr * scale
             if flies:

@@ -120,6 +120,7 @@ OPTIONS = (
     _o("--texture", "TL", 0.0, "share of hdr tiles multiplied by a random texture", **FLOAT),
     _o("--zoom", "TL", 0.0, "share of hdr tiles enlarged, with noise at the new size", **FLOAT),
     _o("--pixel_filter", "TL", 0.0, "share of hdr tiles seen through a wide filter", **FLOAT),
+    _o("--defocus", "TL", 0.0, "share of hdr tiles of few samples out of focus", **FLOAT),
     _o("--drop_features", "TL", None, "family K: share of tiles without all features", **FLOAT),
     _o("--clip", "TL", None, "family K: share of tiles clipped like LDR images", **FLOAT),
     _o("--bilateral", "T", 0, "family K: train through the last steps, 1: both, 2: smoothing",

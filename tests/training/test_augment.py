@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from training import augment, color
-from training.augment import DARKEST, ZOOMS, Augment, between, blurred, enlarge, figure, \
-    hits_by_chance, texture, waves, zoomed
+from training.augment import DARKEST, DEFOCUS, ZOOMS, Augment, between, blurred, defocused, \
+    enlarge, figure, hits_by_chance, texture, waves, zoomed
 from training.data import Batches, Picture
 
 F = ["hdr", "alb", "nrm"]
@@ -220,3 +220,37 @@ def test_wide_filters_are_seen_by_input_target_and_features():
     assert np.array_equal(seen[0][..., :3], seen[1])
     for c in range(9):
         assert seen[0][..., c].std() < 0.9 * plain[0][..., c].std()
+
+
+def test_out_of_focus_each_sample_sees_one_place():
+    """Radiance and features of a sample come from the same place near the pixel; the target is what
+    samples see in the mean, and so are clean features."""
+    n = 64
+    code = np.arange(n * n, dtype=np.float32).reshape(n, n, 1)
+    y, x = np.mgrid[:n, :n].astype(np.float32)
+    smooth = 2 + np.sin(x / 3)[..., None] * np.cos(y / 5)[..., None]
+    reaches, changes = [], []
+    for seed in range(30):
+        light, aux, target = defocused(code, np.stack([y, x], -1), smooth, 1.0, False,
+                                       np.random.default_rng(seed))
+        assert np.array_equal(light[..., 0], aux[..., 0] * n + aux[..., 1])
+        reaches.append(np.hypot(aux[..., 0] - y, aux[..., 1] - x).max())
+        seen, clean, again = defocused(smooth, smooth, smooth, 16.0, True,
+                                       np.random.default_rng(seed))
+        assert np.array_equal(target, again) and np.array_equal(clean, target)
+        error = seen - target
+        assert abs(error.mean()) < 0.003 and error.std() < 0.3 * smooth.std()
+        changes.append(np.abs(target - smooth).max())
+    assert max(reaches) <= DEFOCUS[1] + 1 and max(reaches) > 0.7 * DEFOCUS[1]
+    assert min(reaches) < 3 and max(changes) > 0.5
+
+
+def test_only_pictures_of_few_samples_get_out_of_focus():
+    rng = np.random.default_rng(8)
+    y = rng.uniform(0.1, 0.6, (48, 48, 9)).astype(np.float16)
+    for spp in (1.0, 16.0, 17.0):
+        p = Picture("g", [y], [spp], y)
+        plain, seen = (Batches([p], F, "hdr", "pu", 1, 48, 1, a).light(
+            p, 0, np.s_[:48, :48], np.random.default_rng(3))
+            for a in (Augment(), Augment(defocus=1.0)))
+        assert np.array_equal(plain[0], seen[0]) == np.array_equal(plain[1], seen[1]) == (spp > 16)
