@@ -4,7 +4,7 @@
     python -m training.train hdr alb nrm -f RT -r my_result            (preprocessed data)
     python -m training.train hdr alb nrm --raw -D . -t renders --hold_out 12 -m w16 \\
         -l l1_grad -b 8 --ts 64 --max_lr 5e-3 --time-budget 30m        (raw folder, in memory)
-    python -m training.train -c training/configs/kernel5_16.json -D data -t train -r k16 \\
+    python -m training.train -c training/configs/k16.json -D data -t train -r k16 \\
         --time-budget 30m --quantize_aware 500                         (kernel prediction, int8)
     torchrun --nproc_per_node=4 -m training.train ...                  (data parallel, any device)
 

@@ -32,7 +32,8 @@ def test_built_in_models(name):
     wanted, got = whole.maps(whole.codes(x)), again.maps(x)
     for head in whole.net.heads:
         error = abs(np.clip(got[head] / kernel.HEAD_STEP, 0, 255) - wanted[head])
-        assert error.mean() < 0.8 and wanted[head].std() > 5  # in codes; sharper heads round more
+        spread = wanted[head].std()  # in codes; sharper heads round more
+        assert error.mean() < 0.25 + 0.015 * spread and spread > 5
 
 
 @pytest.mark.parametrize("name", ("rt_hdr_w16", "rt_hdr_alb_nrm_w16"))
