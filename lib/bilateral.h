@@ -26,7 +26,7 @@
 #define LULL_NOISE_CODES 384.0f        /* per 1 of noise */
 #define LULL_NOISE_EPSILON 0.06f       /* three times 0.02 */
 #define LULL_NOISE_WIDTH 0.0026041667f /* of weights, per noise code of three pixels */
-#define LULL_WIDEST 0.4f
+#define LULL_WIDEST 0.6f
 #define LULL_NARROWEST 0.001f
 #define LULL_GUIDE_SCALE 0.012288f /* of squared differences of codes */
 

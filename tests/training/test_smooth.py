@@ -68,7 +68,7 @@ def test_smoothing_is_its_definition(is_far):
     expected = np.empty_like(out)
     for y, x in np.ndindex(7, 18):
         v = sum(codes[y, min(max(x + k, 0), 17)] for k in (-1, 0, 1)) / 384
-        gain = 0.5 / min(max(v, 0.001), 0.4) / (out[y, x] + 0.02)
+        gain = 0.5 / min(max(v, 0.001), 0.6) / (out[y, x] + 0.02)
         weights, total = 1.0, np.zeros(3)
         for dx, dy in last.OFFSETS + last.FAR_OFFSETS * is_far:
             q = min(max(y + dy, 0), 6), min(max(x + dx, 0), 17)
