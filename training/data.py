@@ -26,6 +26,7 @@ WHITES = (-0.5, 2.0)            # stops by which a tile is brighter before it is
 CLEANER = 16                    # samples of a target that inputs are blended towards, per theirs
 CLEAN_SPP = 256                 # samples of a target that hardly shows its own noise
 LEAST_NOISE = 0.2, 0.03         # that blending leaves: of targets with fewer samples, of clean ones
+ON_LIGHT = ("fireflies", "hits", "collage", "texture", "zoom", "blur", "defocus")  # of Augment
 BLACK_P = 0.01                  # tiles made black: aux features alone are no light
 
 
@@ -187,13 +188,10 @@ class Batches:
             aux = np.average([v[cut][..., m:].astype(np.float32) for v in picture.inputs], 0,
                              picture.weights)
         xm, ym = x[..., :m], y[..., :m]
-        flies, hits, collage, textured, zoom, blur, defocus = (
-            hdr and p > 0 and rng.random() < p for p in (
-                a.fireflies, a.hits, a.collage, a.texture, a.zoom, a.blur, a.defocus))
-        zoom = zoom and picture.target_spp >= CLEANER * spp
-        defocus = defocus and spp <= DEFOCUS_SPP
-        if (stops or average or blend or clip or flies or hits or collage or textured or zoom
-                or blur or defocus):
+        on = {k: bool(hdr and getattr(a, k) > 0 and rng.random() < getattr(a, k)) for k in ON_LIGHT}
+        on["zoom"] &= picture.target_spp >= CLEANER * spp
+        on["defocus"] &= spp <= DEFOCUS_SPP
+        if stops or average or blend or clip or any(on.values()):
             xr, yr = self.table.decode(xm), self.table.decode(ym)
             if average:
                 xr = np.average([self.table.decode(v[cut][..., :m]) for v in picture.inputs], 0,
@@ -201,22 +199,22 @@ class Batches:
             if blend:
                 least = LEAST_NOISE[picture.target_spp >= CLEAN_SPP]
                 xr = yr + np.float32(least ** rng.random()) * (xr - yr)
-            if zoom:
+            if on["zoom"]:
                 xr, aux, yr = zoomed(xr, aux, yr, rng)
-            if hits:
+            if on["hits"]:
                 xr = hits_by_chance(yr, rng)
-            if collage:
+            if on["collage"]:
                 xr, aux, yr = self.collage(xr, aux, yr, spp, clean, rng)
-            if textured:
+            if on["texture"]:
                 xr, aux, yr = self.textured(xr, aux, yr, spp, rng)
-            if defocus:
+            if on["defocus"]:
                 clean = clean and y.shape[-1] > m or self.clean_aux
                 xr, aux, yr = defocused(xr, aux, yr, spp, clean, rng)
             scale, top = np.float32(2.0**stops), np.float32(color.HDR_MAX)
             xr, yr = xr * scale, yr * scale
-            if flies:
+            if on["fireflies"]:
                 add_fireflies(xr, rng)
-            if blur:
+            if on["blur"]:
                 xr, aux, yr = blurred([xr, aux.astype(np.float32), yr], rng)
             if clip:
                 scale, top = np.float32(2.0**rng.uniform(*WHITES)), np.float32(1)
