@@ -36,7 +36,6 @@ from training.dead import REVIVED_UNTIL, Channels, report, revive
 from training.errors import DATA, INTERRUPTED, STATE, ToolError
 from training.integer_stage import quantize_aware
 from training.loss import balance, make_loss
-from training.narrow import narrowed
 from training.optimizer import Optimizer
 from training.result import Result, load_model, load_tensors, make_model, read_weights
 from training.scan import scan
@@ -45,6 +44,7 @@ from training.settings import Settings, parse, unique_id
 from training.store import find_stored, read_pictures
 from training.teacher import Teacher
 from training.validate import Board, validate
+from training.widths import fitted
 
 # Settings that a resumed training may change; all others must be as they were.
 FREE = {"config", "num_epochs", "num_valid_epochs", "num_save_epochs", "learning_rate",
@@ -93,10 +93,12 @@ def worker(settings: Settings, team: parallel.Team) -> None:
     torch.manual_seed(settings.seed)
     model = make_model(settings).to(team.device, memory_format=torch.channels_last)
     if settings.init and not resuming:
-        weights, cut = narrowed(model, initial_weights(settings))
+        weights, cut, added = fitted(model, initial_weights(settings))
         load_tensors(model, weights, settings.init)
         if cut:
             say(f"Channels of {settings.init} that weigh most: {', '.join(cut)}")
+        if added:
+            say(f"Channels that {settings.init} lacks: {', '.join(added)}")
     params = list(model.parameters())
     ema = [p.detach().clone() for p in params] if settings.ema > 0 else []
     optimizer = Optimizer(params, settings.learning_rate, settings.optimizer)
