@@ -79,10 +79,11 @@ def test_exposure_changes_nothing_but_scale(clean_up, stops):
     assert np.abs(scaled - expected).mean() < 2e-3 * expected.mean()
 
 
-@pytest.mark.parametrize("options,most", [(("--is", "0.3"), 0.01), ((), 0.03)])
+@pytest.mark.parametrize("options,most", [(("--is", "0.3"), 0.01), ((), 0.05)])
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, -3.0, 3e38])
 def test_broken_pixels_stay_where_they_are(clean_up, value, options, most):
-    """The largest values move the automatic exposure, too, of so small a picture by two stops."""
+    """The largest values move the automatic exposure, too, of so small a picture by two stops, and
+    in the dark networks look farther (0.04; of OIDN 2.5.1 high the rest changes by 1.7 to 2.2)."""
     frame = inputs(scene())
     expected = clean_up(frame, "high", *options)
     frame["color"] = frame["color"].copy()
