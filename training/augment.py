@@ -231,19 +231,15 @@ def defocused(x: np.ndarray, aux: np.ndarray, y: np.ndarray, spp: float, clean: 
         at = ((rows, dy[tap], h), (columns, dx[tap], w))
         return tuple(np.clip(np.rint(i + radius * d).astype(int), 0, n - 1) for i, d, n in at)
 
-    def mean(images: list[np.ndarray], taps) -> list[np.ndarray]:
-        sums = [np.zeros(image.shape, np.float32) for image in images]
-        for tap in taps:
-            at = places(tap)
-            for total, image in zip(sums, images):
-                total += image[at]
-        return [total / np.float32(len(taps)) for total in sums]
+    def mean(image: np.ndarray, where: list) -> np.ndarray:
+        total = np.zeros(image.shape, np.float32)
+        for at in where:
+            total += image[at]
+        return total / np.float32(len(where))
 
-    seen = [rng.integers(0, DEFOCUS_TAPS, (h, w)) for _ in range(max(1, round(spp)))]
-    noisy, steady = ([x], [y, aux]) if clean else ([x, aux], [y])
-    noisy, steady = mean(noisy, seen), mean(steady, range(DEFOCUS_TAPS))
-    target, light = steady[0], noisy[0]
-    return light, (steady if clean else noisy)[1], target
+    draws = [rng.integers(0, DEFOCUS_TAPS, (h, w)) for _ in range(max(1, round(spp)))]
+    seen, circle = ([places(tap) for tap in taps] for taps in (draws, range(DEFOCUS_TAPS)))
+    return mean(x, seen), mean(aux, circle if clean else seen), mean(y, circle)
 
 
 PLAIN = Augment()
