@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from training import color, metrics
+from training import color, loss, metrics
 from training.loss import (LEAST_MSE, LOSSES, STANDARD_WEIGHTS, balance, l1_grad, make_loss,
                            msssim_scales, msssim_value, ssim_value)
 
@@ -61,6 +61,30 @@ def test_ssim_is_its_definition():
     assert float(ssim_value(b, b)) == pytest.approx(1, abs=1e-6)
 
 
+def test_ssim_is_the_same_for_tiles_as_for_pictures(monkeypatch):
+    """Products of matrices and convolutions, values and gradients."""
+    a, b = pair(31)
+    a = a[..., :20].clone().requires_grad_()
+    b = b[..., :20]
+    results = []
+    for limit in (loss.BLUR_BY_MATRIX, 0):
+        monkeypatch.setattr(loss, "BLUR_BY_MATRIX", limit)
+        value = ssim_value(a, b)
+        results.append((value.item(), torch.autograd.grad(value, a)[0]))
+    assert results[0][0] == pytest.approx(results[1][0], abs=1e-6)
+    assert torch.allclose(results[0][1], results[1][1], rtol=1e-3, atol=1e-7)
+
+
+@pytest.mark.parametrize("size", [128, 272])
+def test_ssim_is_exact_in_mixed_precision(size):
+    """Variances are small differences of means: in bf16 0.9975 was 0.9961."""
+    _, b = pair(size)
+    a = b + 0.02 * torch.randn(b.shape, generator=torch.Generator().manual_seed(1))
+    want = float(ssim_value(a, b))
+    with torch.autocast("cpu", torch.bfloat16):
+        assert float(ssim_value(a, b)) == pytest.approx(want, abs=1e-6)
+
+
 def test_msssim_scales_fit_the_picture():
     assert msssim_scales(161, 161) == 5
     assert msssim_scales(160, 300) == 4  # five scales would need more than 160
@@ -104,6 +128,17 @@ def test_log_mse_is_what_psnr_measures():
            for s, t, x, y in zip(*shown, a.numpy(), b.numpy())]
     assert float(make_loss("log_mse")(a, b)) == pytest.approx(
         np.mean(np.log1p(np.array(mse) / LEAST_MSE)) / 2, rel=1e-4)
+
+
+def test_log_mse_ssim_adds_what_ssim_lacks():
+    """Of what is shown, whatever codes the loss is given."""
+    a, b = pair()
+    for transfer, inverse in (("srgb", None), ("pu", color.pu_inverse)):
+        shown = [torch.from_numpy(color.display(inverse(x.numpy()))) if inverse else x
+                 for x in (a, b)]
+        want = float(make_loss("log_mse", transfer=transfer)(a, b)) + 1 - float(ssim_value(*shown))
+        assert float(make_loss("log_mse_ssim", transfer=transfer)(a, b)) == pytest.approx(
+            want, rel=1e-5)
 
 
 def test_weights_of_msssim_matter():
