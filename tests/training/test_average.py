@@ -1,0 +1,57 @@
+"""Means of the weights of several trainings."""
+
+import pytest
+import torch
+
+from tests.training.test_kernel_train import RAW
+from tests.training.test_train import state
+from training import average, train
+
+
+@pytest.fixture
+def two(tmp_path):
+    """Two state dicts and their files."""
+    generator = torch.Generator().manual_seed(1)
+    states = [{"a.weight": torch.randn(4, 3, 3, 3, generator=generator),
+               "a.bias": torch.randn(4, generator=generator)} for _ in range(2)]
+    paths = [tmp_path / "one.pt", tmp_path / "two.pt"]
+    for tensors, path in zip(states, paths):
+        torch.save(tensors, path)
+    return states, [str(p) for p in paths]
+
+
+@pytest.mark.parametrize("shares,want", [(("", ""), (0.5, 0.5)), ((":3", ""), (0.75, 0.25)),
+                                         ((":.2", ":1.8"), (0.1, 0.9))])
+def test_is_the_weighted_mean(two, tmp_path, shares, want):
+    states, paths = two
+    average.main([str(tmp_path / "mean.pt"), *(p + s for p, s in zip(paths, shares))])
+    mean = torch.load(tmp_path / "mean.pt", weights_only=True)
+    assert mean.keys() == states[0].keys()
+    for name, tensor in mean.items():
+        assert tensor.dtype == torch.float32
+        assert torch.allclose(tensor, want[0] * states[0][name] + want[1] * states[1][name])
+
+
+def test_of_a_result_the_averaged_weights_count(raw, work):
+    train.main([*RAW, "-D", str(raw), "-e", "2", "-r", "k", "--max_lr", "1e-2"])
+    ema = state("k")["ema_state"]
+    assert any((ema[k] - v).any() for k, v in state("k")["model_state"].items())
+    torch.save({k: v + 4 for k, v in ema.items()}, "more.pt")
+    average.main(["mean.pt", "k:3", "more.pt"])
+    for name, tensor in torch.load("mean.pt", weights_only=True).items():
+        assert torch.allclose(tensor, ema[name] + 1, atol=1e-5)
+
+
+def test_bad_input(two, tmp_path, fails):
+    states, paths = two
+    out = str(tmp_path / "mean.pt")
+    assert fails(average.main, [str(tmp_path / "mean.tza"), *paths])[0] == 2
+    for share in ("0", "-1", "nan", "inf"):
+        code, text = fails(average.main, [out, f"{paths[0]}:{share}", paths[1]])
+        assert code == 2 and "above 0" in text
+    torch.save({"a.weight": states[0]["a.weight"]}, tmp_path / "other.pt")
+    code, text = fails(average.main, [out, *paths, str(tmp_path / "other.pt")])
+    assert code == 4 and "other.pt" in text and "another model" in text
+    code, text = fails(average.main, [out, paths[0], str(tmp_path / "none.pt")])
+    assert code and "none.pt" in text
+    assert not (tmp_path / "mean.pt").exists()

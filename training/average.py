@@ -1,0 +1,77 @@
+#!/usr/bin/env python3
+"""The weighted mean of the weights of several trainings of one model, as a state dict:
+
+    python -m training.average OUT.pt RESULT:3 RESULT [-R results]
+
+Of trainings that began with the same weights the mean is often better than each, and a share of one
+brings a part of what it learnt. Results (their averaged weights), .pt or .tza files with floats; a
+number after a colon is how much one counts, 1 unless told. export.quantize_kernel makes integers of
+OUT.pt, train --init goes on from it.
+"""
+from __future__ import annotations
+
+if __name__ == "__main__" and not __package__:  # run as a file: go on as a module
+    import runpy
+    import sys
+    sys.path[0] = __file__.rpartition("training")[0] or ".."
+    sys.exit(runpy.run_module("training.average", run_name="__main__", alter_sys=True))
+
+import argparse
+import math
+from pathlib import Path
+
+import torch
+
+from training import errors
+from training.errors import STATE, USAGE, ToolError
+from training.imageio import replacing
+from training.result import Result, load_model, read_weights
+
+
+def main(argv: list[str]) -> None:
+    parser = argparse.ArgumentParser("training.average", description=__doc__,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("output", type=Path)
+    parser.add_argument("source", nargs="+", help="NAME or NAME:SHARE")
+    parser.add_argument("-R", "--results_dir", default="results")
+    args = parser.parse_args(argv)
+    if args.output.suffix != ".pt":
+        raise ToolError(f"{args.output}: the output is a state dict, .pt", USAGE)
+    sources = [share_of(text) for text in args.source]
+    total = sum(share for _, share in sources)
+    mean: dict[str, torch.Tensor] = {}
+    for name, share in sources:
+        tensors = weights_of(name, args.results_dir)
+        if mean and {k: v.shape for k, v in mean.items()} != {k: v.shape
+                                                              for k, v in tensors.items()}:
+            raise ToolError(f"{name}: of another model than {sources[0][0]}", STATE)
+        for k, v in tensors.items():
+            part = v.double() * (share / total)
+            mean[k] = mean[k] + part if k in mean else part
+    with replacing(args.output) as tmp:
+        torch.save({k: v.float() for k, v in mean.items()}, tmp)
+    print(f"Saved: {args.output}")
+
+
+def share_of(text: str) -> tuple[str, float]:
+    """NAME or NAME:SHARE."""
+    name, colon, number = text.rpartition(":")
+    if not colon:
+        return text, 1.0
+    try:
+        share = float(number)
+    except ValueError:
+        return text, 1.0  # a colon of the name
+    if not (math.isfinite(share) and share > 0):
+        raise ToolError(f"{text}: a share is a number above 0", USAGE)
+    return name, share
+
+
+def weights_of(name: str, results_dir: str) -> dict[str, torch.Tensor]:
+    if name.endswith((".pt", ".tza")):
+        return read_weights(Path(name))
+    return load_model(Result(results_dir, name))[0].state_dict()
+
+
+if __name__ == "__main__":
+    errors.run(main)
