@@ -50,7 +50,8 @@ def worker(settings: Settings, team: parallel.Team) -> None:
     torch.manual_seed(settings.seed)
     model = make_model(settings).to(team.device, memory_format=torch.channels_last)
     optimizer = Optimizer(model.parameters(), settings.learning_rate, settings.optimizer)
-    loss_of = make_loss(settings.loss, settings.msssim_weights, settings.transfer)
+    loss_of = make_loss(settings.loss, settings.msssim_weights, settings.transfer,
+                        settings.ssim_weight)
     growth = (settings.max_learning_rate / settings.learning_rate) ** (1 / (steps - 1))
     rows, smooth, best, bar = [], 0.0, math.inf, Bar(team.rank == 0)
     for step, (x, y) in enumerate(parallel.loader(batches, range(steps), settings)):

@@ -180,7 +180,8 @@ def quantize_aware(result: Result, settings: Settings, pictures: list[Picture],
             torch.save({"same": same, "tensors": tensors, **stage}, tmp)
 
     kept: dict = {}
-    held, loss = held_out(batches), make_loss(s.loss, s.msssim_weights, s.transfer)
+    held = held_out(batches)
+    loss = make_loss(s.loss, s.msssim_weights, s.transfer, s.ssim_weight)
     tuned = fine_tune(net, batches, held, s.quantize_aware, s.quantize_rate, loss, say, state,
                       lambda stage: (kept.update(stage), save(stage)))
     say(f"Integer model: loss {tuned.least:.6f} on tiles held out, that of step {tuned.step}; "

@@ -145,11 +145,11 @@ def log_mse(a: Tensor, b: Tensor, transfer: str) -> Tensor:
     return _log_mse(a, b, shown(a, transfer), shown(b, transfer))
 
 
-def log_mse_ssim(a: Tensor, b: Tensor, transfer: str) -> Tensor:
-    """log_mse, and what SSIM of the values that a screen shows lacks to 1: a tenth of a decibel in
-    the mean of PSNRs weighs as much as .0115 in the mean of SSIMs."""
+def log_mse_ssim(a: Tensor, b: Tensor, transfer: str, weight: float = 1.0) -> Tensor:
+    """log_mse, and what SSIM of the values that a screen shows lacks to 1, times a weight. With 1
+    a tenth of a decibel in the mean of PSNRs counts as much as .0115 in the mean of SSIMs."""
     on_screen = shown(a, transfer), shown(b, transfer)
-    return _log_mse(a, b, *on_screen) + 1.0 - ssim_value(*on_screen)
+    return _log_mse(a, b, *on_screen) + weight * (1.0 - ssim_value(*on_screen))
 
 
 def shown(x: Tensor, transfer: str) -> Tensor:
@@ -166,9 +166,10 @@ def _log_mse(a: Tensor, b: Tensor, shown_a: Tensor, shown_b: Tensor) -> Tensor:
     return 0.5 * torch.log1p(mse / LEAST_MSE).mean()
 
 
-def make_loss(name: str, msssim_weights=None, transfer: str = "pu") -> Loss:
+def make_loss(name: str, msssim_weights=None, transfer: str = "pu",
+              ssim_weight: float = 1.0) -> Loss:
     """The loss called `name`; msssim_weights: exponents of the scales, finest first; transfer: that
-    of the images."""
+    of the images; ssim_weight: that of log_mse_ssim."""
     weights = tuple(msssim_weights or STANDARD_WEIGHTS)
 
     def ms(a, b):
@@ -181,7 +182,7 @@ def make_loss(name: str, msssim_weights=None, transfer: str = "pu") -> Loss:
         "l1_msssim": lambda a, b: 0.16 * l1(a, b) + 0.84 * ms(a, b),
         "l1_grad": l1_grad,
         "log_mse": lambda a, b: log_mse(a, b, transfer),
-        "log_mse_ssim": lambda a, b: log_mse_ssim(a, b, transfer),
+        "log_mse_ssim": lambda a, b: log_mse_ssim(a, b, transfer, ssim_weight),
     }
     if name not in table:
         raise ValueError(f"unknown loss '{name}' (known: {', '.join(table)})")

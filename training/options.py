@@ -96,6 +96,7 @@ OPTIONS = (
     _o("--model -m", "TL", None, "model of configs/models.json, or topology:width,width,..."),
     _o("--loss -l", "TL", None, "loss function", choices=LOSSES),
     _o("--balance", "T", 0.0, "tiles weigh noise of their input to the power of -P", **FLOAT),
+    _o("--ssim_weight", "TL", 1.0, "log_mse_ssim: weight of what SSIM lacks to 1", **FLOAT),
     _o("--msssim_weights", "TL", None, "MS-SSIM exponents, finest scale first", nargs="*",
        type=float),
     _o("--tile_size --ts", "TL", None, "side of the training tiles", **INT),

@@ -102,7 +102,8 @@ def worker(settings: Settings, team: parallel.Team) -> None:
     params = list(model.parameters())
     ema = [p.detach().clone() for p in params] if settings.ema > 0 else []
     optimizer = Optimizer(params, settings.learning_rate, settings.optimizer)
-    loss_of = make_loss(settings.loss, settings.msssim_weights, settings.transfer)
+    loss_of = make_loss(settings.loss, settings.msssim_weights, settings.transfer,
+                        settings.ssim_weight)
     teacher = Teacher(settings, team.device) if settings.get("teacher") else None
     run = parallel.compiled(model, settings, team)
     mixed = parallel.Mixed(settings, team)

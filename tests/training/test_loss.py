@@ -136,9 +136,11 @@ def test_log_mse_ssim_adds_what_ssim_lacks():
     for transfer, inverse in (("srgb", None), ("pu", color.pu_inverse)):
         shown = [torch.from_numpy(color.display(inverse(x.numpy()))) if inverse else x
                  for x in (a, b)]
-        want = float(make_loss("log_mse", transfer=transfer)(a, b)) + 1 - float(ssim_value(*shown))
-        assert float(make_loss("log_mse_ssim", transfer=transfer)(a, b)) == pytest.approx(
-            want, rel=1e-5)
+        lacks = 1 - float(ssim_value(*shown))
+        for weight in (1.0, 3.0):
+            both = make_loss("log_mse_ssim", transfer=transfer, ssim_weight=weight)(a, b)
+            want = float(make_loss("log_mse", transfer=transfer)(a, b)) + weight * lacks
+            assert float(both) == pytest.approx(want, rel=1e-5)
 
 
 def test_weights_of_msssim_matter():
