@@ -38,7 +38,7 @@ def _summed(v: np.ndarray) -> np.ndarray:
 
 
 def _width(noise: np.ndarray) -> np.ndarray:
-    """Width in units of the result, float32 in [0.001, 0.4], from noise codes uint8 [H,W,1]."""
+    """Width in units of the result, float32 in [WIDTH_MIN, WIDTH_MAX], of noise codes [H,W,1]."""
     sums = sum(_moved(noise, (k, 0)).astype(F) for k in (-1, 0, 1))
     return np.maximum(np.minimum(sums * WIDTH_PER_CODE, WIDTH_MAX), WIDTH_MIN)
 
