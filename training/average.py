@@ -25,7 +25,7 @@ import torch
 from training import errors
 from training.errors import STATE, USAGE, ToolError
 from training.imageio import replacing
-from training.result import Result, load_model, read_weights
+from training.result import weights_of
 
 
 def main(argv: list[str]) -> None:
@@ -39,17 +39,15 @@ def main(argv: list[str]) -> None:
         raise ToolError(f"{args.output}: the output is a state dict, .pt", USAGE)
     sources = [share_of(text) for text in args.source]
     total = sum(share for _, share in sources)
-    mean: dict[str, torch.Tensor] = {}
-    for name, share in sources:
-        tensors = weights_of(name, args.results_dir)
-        if mean and {k: v.shape for k, v in mean.items()} != {k: v.shape
-                                                              for k, v in tensors.items()}:
+    models = [weights_of(name, args.results_dir) for name, _ in sources]
+    shapes = [{k: v.shape for k, v in model.items()} for model in models]
+    for (name, _), shape in zip(sources, shapes):
+        if shape != shapes[0]:
             raise ToolError(f"{name}: of another model than {sources[0][0]}", STATE)
-        for k, v in tensors.items():
-            part = v.double() * (share / total)
-            mean[k] = mean[k] + part if k in mean else part
+    mean = {k: sum(model[k].double() * (share / total)
+                   for model, (_, share) in zip(models, sources)).float() for k in models[0]}
     with replacing(args.output) as tmp:
-        torch.save({k: v.float() for k, v in mean.items()}, tmp)
+        torch.save(mean, tmp)
     print(f"Saved: {args.output}")
 
 
@@ -65,12 +63,6 @@ def share_of(text: str) -> tuple[str, float]:
     if not (math.isfinite(share) and share > 0):
         raise ToolError(f"{text}: a share is a number above 0", USAGE)
     return name, share
-
-
-def weights_of(name: str, results_dir: str) -> dict[str, torch.Tensor]:
-    if name.endswith((".pt", ".tza")):
-        return read_weights(Path(name))
-    return load_model(Result(results_dir, name))[0].state_dict()
 
 
 if __name__ == "__main__":

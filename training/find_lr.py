@@ -23,7 +23,7 @@ from training import errors, parallel
 from training.console import Bar
 from training.errors import USAGE, ToolError
 from training.imageio import replacing
-from training.loss import make_loss
+from training.loss import loss_of_settings
 from training.optimizer import Optimizer
 from training.result import make_model
 from training.settings import Settings, parse, unique_id
@@ -50,8 +50,7 @@ def worker(settings: Settings, team: parallel.Team) -> None:
     torch.manual_seed(settings.seed)
     model = make_model(settings).to(team.device, memory_format=torch.channels_last)
     optimizer = Optimizer(model.parameters(), settings.learning_rate, settings.optimizer)
-    loss_of = make_loss(settings.loss, settings.msssim_weights, settings.transfer,
-                        settings.ssim_weight)
+    loss_of = loss_of_settings(settings)
     growth = (settings.max_learning_rate / settings.learning_rate) ** (1 / (steps - 1))
     rows, smooth, best, bar = [], 0.0, math.inf, Bar(team.rank == 0)
     for step, (x, y) in enumerate(parallel.loader(batches, range(steps), settings)):

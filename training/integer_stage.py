@@ -33,7 +33,7 @@ from training.errors import STATE, USAGE, ToolError
 from training.features import encode
 from training.imageio import replacing
 from training.kernel_integer import IntegerKernel
-from training.loss import make_loss
+from training.loss import loss_of_settings
 from training.quantize_aware import IntegerNet, fine_tune, held_out, judge
 from training.result import Result, load_model
 from training.scan import CHANNELS, scan
@@ -180,8 +180,7 @@ def quantize_aware(result: Result, settings: Settings, pictures: list[Picture],
             torch.save({"same": same, "tensors": tensors, **stage}, tmp)
 
     kept: dict = {}
-    held = held_out(batches)
-    loss = make_loss(s.loss, s.msssim_weights, s.transfer, s.ssim_weight)
+    held, loss = held_out(batches), loss_of_settings(s)
     tuned = fine_tune(net, batches, held, s.quantize_aware, s.quantize_rate, loss, say, state,
                       lambda stage: (kept.update(stage), save(stage)))
     say(f"Integer model: loss {tuned.least:.6f} on tiles held out, that of step {tuned.step}; "

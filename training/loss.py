@@ -135,35 +135,24 @@ def msssim_value(a: Tensor, b: Tensor, weights=STANDARD_WEIGHTS, peak: float = 1
     return result.mean()
 
 
-def log_mse(a: Tensor, b: Tensor, transfer: str) -> Tensor:
+def log_mse(a: Tensor, b: Tensor, transfer: str, ssim_weight: float = 0.0) -> Tensor:
     """Mean over the images of ln(1 + mse / LEAST_MSE) / 2: what a mean of PSNRs measures, so that
     every image counts alike, however noisy, and its pixels by their expectation.
 
     mse: of the values that a screen shows, and of a and b themselves, for what is brighter than its
-    white. transfer: that of a and b.
+    white. transfer: that of a and b. ssim_weight: of what SSIM of the values on screen lacks to 1;
+    with 1 a tenth of a decibel in the mean of PSNRs counts as much as .0115 in that of SSIMs.
     """
-    return _log_mse(a, b, shown(a, transfer), shown(b, transfer))
+    def shown(x: Tensor) -> Tensor:
+        if transfer in ("srgb", "linear"):
+            return x
+        return color.display(color.TRANSFERS[transfer].inverse(x))
 
-
-def log_mse_ssim(a: Tensor, b: Tensor, transfer: str, weight: float = 1.0) -> Tensor:
-    """log_mse, and what SSIM of the values that a screen shows lacks to 1, times a weight. With 1
-    a tenth of a decibel in the mean of PSNRs counts as much as .0115 in the mean of SSIMs."""
-    on_screen = shown(a, transfer), shown(b, transfer)
-    return _log_mse(a, b, *on_screen) + weight * (1.0 - ssim_value(*on_screen))
-
-
-def shown(x: Tensor, transfer: str) -> Tensor:
-    """The values that a screen shows of x in transfer space, fp32."""
-    x = x.float()
-    if transfer in ("srgb", "linear"):
-        return x
-    return color.display(color.TRANSFERS[transfer].inverse(x))
-
-
-def _log_mse(a: Tensor, b: Tensor, shown_a: Tensor, shown_b: Tensor) -> Tensor:
-    squares = (shown_a - shown_b).square() + (a.float() - b.float()).square()
-    mse = squares.mean((1, 2, 3))
-    return 0.5 * torch.log1p(mse / LEAST_MSE).mean()
+    a, b = a.float(), b.float()
+    shown_a, shown_b = shown(a), shown(b)
+    mse = (shown_a - shown_b).square().mean((1, 2, 3)) + (a - b).square().mean((1, 2, 3))
+    loss = 0.5 * torch.log1p(mse / LEAST_MSE).mean()
+    return loss + ssim_weight * (1.0 - ssim_value(shown_a, shown_b)) if ssim_weight else loss
 
 
 def make_loss(name: str, msssim_weights=None, transfer: str = "pu",
@@ -182,11 +171,17 @@ def make_loss(name: str, msssim_weights=None, transfer: str = "pu",
         "l1_msssim": lambda a, b: 0.16 * l1(a, b) + 0.84 * ms(a, b),
         "l1_grad": l1_grad,
         "log_mse": lambda a, b: log_mse(a, b, transfer),
-        "log_mse_ssim": lambda a, b: log_mse_ssim(a, b, transfer, ssim_weight),
+        "log_mse_ssim": lambda a, b: log_mse(a, b, transfer, ssim_weight),
     }
     if name not in table:
         raise ValueError(f"unknown loss '{name}' (known: {', '.join(table)})")
     return table[name]
+
+
+def loss_of_settings(settings) -> Loss:
+    """The loss that the settings of a training ask for."""
+    return make_loss(settings.loss, settings.msssim_weights, settings.transfer,
+                     settings.ssim_weight)
 
 
 LOSSES = ("l1", "mape", "smape", "l2", "ssim", "msssim", "l1_msssim", "l1_grad", "log_mse",

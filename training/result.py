@@ -132,6 +132,13 @@ def make_model(settings: Settings) -> torch.nn.Module:
     return model
 
 
+def weights_of(name: str, results_dir: str) -> dict[str, torch.Tensor]:
+    """Tensors of a .tza or .pt file, or the averaged ones of a result."""
+    if name.endswith((".tza", ".pt")):
+        return read_weights(Path(name))
+    return load_model(Result(results_dir, name))[0].state_dict()
+
+
 def read_weights(path: Path) -> dict[str, torch.Tensor]:
     """Tensors of a .tza weights file (integers as floats), or of a .pt file with a state dict."""
     from export.dequantize import as_floats

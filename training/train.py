@@ -35,9 +35,9 @@ from training.data import Batches, Picture, from_raw, hold_out
 from training.dead import REVIVED_UNTIL, Channels, report, revive
 from training.errors import DATA, INTERRUPTED, STATE, ToolError
 from training.integer_stage import quantize_aware
-from training.loss import balance, make_loss
+from training.loss import balance, loss_of_settings
 from training.optimizer import Optimizer
-from training.result import Result, load_model, load_tensors, make_model, read_weights
+from training.result import Result, load_tensors, make_model, weights_of
 from training.scan import scan
 from training.schedule import Plan, one_cycle
 from training.settings import Settings, parse, unique_id
@@ -93,7 +93,7 @@ def worker(settings: Settings, team: parallel.Team) -> None:
     torch.manual_seed(settings.seed)
     model = make_model(settings).to(team.device, memory_format=torch.channels_last)
     if settings.init and not resuming:
-        weights, cut, added = fitted(model, initial_weights(settings))
+        weights, cut, added = fitted(model, weights_of(settings.init, settings.results_dir))
         load_tensors(model, weights, settings.init)
         if cut:
             say(f"Channels of {settings.init} that weigh most: {', '.join(cut)}")
@@ -102,8 +102,7 @@ def worker(settings: Settings, team: parallel.Team) -> None:
     params = list(model.parameters())
     ema = [p.detach().clone() for p in params] if settings.ema > 0 else []
     optimizer = Optimizer(params, settings.learning_rate, settings.optimizer)
-    loss_of = make_loss(settings.loss, settings.msssim_weights, settings.transfer,
-                        settings.ssim_weight)
+    loss_of = loss_of_settings(settings)
     teacher = Teacher(settings, team.device) if settings.get("teacher") else None
     run = parallel.compiled(model, settings, team)
     mixed = parallel.Mixed(settings, team)
@@ -281,12 +280,6 @@ def agree(settings: Settings, old: Settings, say) -> Settings:
         if k not in ("config", "result", "results_dir"):
             say(f"Changed setting: {k} was {old.get(k)}, is {settings.get(k)}")
     return settings
-
-
-def initial_weights(settings: Settings) -> dict:
-    if settings.init.endswith((".tza", ".pt")):
-        return read_weights(Path(settings.init))
-    return load_model(Result(settings.results_dir, settings.init))[0].state_dict()
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from training import dead, nets, train
-from training.loss import make_loss
+from training.loss import loss_of_settings
 from training.result import Result
 
 
@@ -46,8 +46,8 @@ def test_numbers_too_small_to_be_normal_are_zero(raw, work, monkeypatch):
     def is_flushed():
         return float(torch.tensor(1e-38) * 0.01) == 0
     seen = []
-    monkeypatch.setattr(train, "make_loss", lambda *settings: seen.append(is_flushed()) or
-                        make_loss(*settings))
+    monkeypatch.setattr(train, "loss_of_settings", lambda settings: seen.append(is_flushed()) or
+                        loss_of_settings(settings))
     train.main(["hdr", "--raw", "-D", str(raw), "-t", "train", "-v", "valid", "-s", "3", "-m",
                 "k8", "-b", "4", "--ts", "16", "-j", "0", "-d", "cpu", "-e", "1", "-r", "a"])
     assert seen == [True] and not is_flushed()
