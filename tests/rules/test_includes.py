@@ -19,14 +19,15 @@ LIB = {
     "lull": set(),
     "status": set(),
     "tza": {"image"},
-    "image": set(),
+    "pixels": set(),
+    "image": {"pixels"},
     "transfer": {"curves"},
     "curves": {"kernels"},
     "exposure": {"image", "transfer", "kernels"},
     "cpu": {"ports"},
     "winograd": set(),
     "patches": set(),
-    "bilateral": set(),
+    "bilateral": {"pixels"},
     "kernels": {"bilateral", "patches", "ports", "winograd"},
     "dispatch": {"kernels", "cpu", "ports"},
     "graph": {"bilateral", "tza", "nets", "patches", "winograd"},
@@ -40,7 +41,7 @@ LIB = {
 }
 LIBC = {"float.h", "stddef.h", "stdint.h", "string.h"}  # string.h in base.h only
 INTRINSICS = {"immintrin.h", "emmintrin.h", "tmmintrin.h", "arm_neon.h", "cpuid.h"}
-PORT_MAY = {"base", "curves", "kernels", "lull", "patches", "winograd"}  # headers of lib/
+PORT_MAY = {"base", "curves", "kernels", "lull", "patches", "pixels", "winograd"}  # headers of lib/
 APPS_MAY = {"lull.h", "OpenImageDenoise/oidn.h", "OpenImageDenoise/oidn.hpp",
             "OpenImageDenoise/config.h", "builtin.def"}
 
