@@ -247,7 +247,7 @@ static void exposure_task(void *context, unsigned index, unsigned worker)
                           plan->frame.height, index, plan->model->kernels.luminance);
 }
 
-static float choose_scale(lull_task *t, const lull_host *host)
+float lull_exec_scale(lull_task *t, const lull_host *host)
 {
     lull_plan *plan = t->plan;
     unsigned rows = lull_exposure_rows(plan->frame.height);
@@ -274,7 +274,7 @@ lull_status lull_run(lull_plan *plan, const lull_images *images, const lull_host
     t.images = images;
     if (host && host->progress && !host->progress(host->user, 0.0))
         return LULL_CANCELLED;
-    plan->scale = choose_scale(&t, host);
+    plan->scale = lull_exec_scale(&t, host);
     for (unsigned strip = 0; strip < plan->strips; strip++) {
         begin_strip(plan, &t, strip);
         while (plan->stored < plan->frame.height) {

@@ -116,10 +116,8 @@ static void load_direct(const lull_task *t, float *block, unsigned x, unsigned y
     }
 }
 
-/* n pixels of an auxiliary image of family K: in place, or copied to `block`. NULL if there are
- * none: after the main image, in the order of the bits. */
-static const float *aux_pixels(const lull_task *t, unsigned feature, float *block, unsigned x,
-                               unsigned y, unsigned n)
+const float *lull_exec_aux(const lull_task *t, unsigned feature, float *block, unsigned x,
+                           unsigned y, unsigned n)
 {
     const lull_image *image = lull_exec_feature(t->images, feature);
     const lull_frame *frame = &t->plan->frame;
@@ -132,9 +130,9 @@ static const float *aux_pixels(const lull_task *t, unsigned feature, float *bloc
     return pixels ? pixels : block;
 }
 
-/* n pixels of the main image. What the kernels cannot do is done before, in `block`. */
-static void main_pixels(lull_encoding *from, const lull_task *t, float *block, unsigned x,
-                        unsigned y, unsigned n)
+/* What the kernels cannot do is done before, in `block`. */
+void lull_exec_main(lull_encoding *from, const lull_task *t, float *block, unsigned x, unsigned y,
+                    unsigned n)
 {
     const lull_plan *plan = t->plan;
     lull_content_rule rule = lull_exec_content(&plan->frame);
@@ -159,7 +157,7 @@ void lull_exec_radiance(lull_encoding *from, const lull_task *t, float *block, u
                         unsigned y, unsigned n)
 {
     if (!t->plan->keeps_rows) {
-        main_pixels(from, t, block, x, y - t->base_row, n);
+        lull_exec_main(from, t, block, x, y - t->base_row, n);
         return;
     }
     from->radiance = lull_exec_floats(t->plan, LULL_TENSOR_RADIANCE, y, x - t->left);
@@ -188,11 +186,12 @@ static void load_kernel(const lull_task *t, float *block, unsigned x, unsigned y
     unsigned column = x - t->left, row = y - t->base_row;
     uint8_t *codes = lull_exec_row(plan, 0, y) + column * lull_ring_pixel(&plan->ring[0]);
     lull_encoding from;
-    main_pixels(&from, t,
-                plan->keeps_rows ? lull_exec_floats(plan, LULL_TENSOR_RADIANCE, y, column) : block,
-                x, row, n);
-    from.albedo = aux_pixels(t, 1, block + 3 * LULL_BLOCK, x, row, n);
-    from.normal = aux_pixels(t, 2, block + 6 * LULL_BLOCK, x, row, n);
+    lull_exec_main(
+        &from, t,
+        plan->keeps_rows ? lull_exec_floats(plan, LULL_TENSOR_RADIANCE, y, column) : block, x, row,
+        n);
+    from.albedo = lull_exec_aux(t, 1, block + 3 * LULL_BLOCK, x, row, n);
+    from.normal = lull_exec_aux(t, 2, block + 6 * LULL_BLOCK, x, row, n);
     from.flags = lull_filter_flags(&from, !lull_exec_content(&plan->frame).is_hdr);
     plan->model->kernels.encode(codes, &from, n);
     if (plan->keeps_rows)
@@ -225,9 +224,9 @@ void lull_exec_spread(void *context, unsigned index, unsigned worker)
     for (unsigned x = part.left; y < plan->frame.height && x < right; x += LULL_BLOCK) {
         unsigned n = lull_min_u(LULL_BLOCK, right - x);
         float *block = lull_exec_scratch(t, worker);
-        const float *albedo = aux_pixels(t, 1, block, x, y - t->base_row, n), *normal = NULL;
+        const float *albedo = lull_exec_aux(t, 1, block, x, y - t->base_row, n), *normal = NULL;
         if (lull_plan_has(plan, LULL_TENSOR_GUIDE))
-            normal = aux_pixels(t, 2, block + 3 * LULL_BLOCK, x, y - t->base_row, n);
+            normal = lull_exec_aux(t, 2, block + 3 * LULL_BLOCK, x, y - t->base_row, n);
         load_aux(t, albedo, normal, x, y, n);
     }
 }
@@ -293,9 +292,7 @@ static float unscale_of(const lull_plan *plan)
     return plan->scale != 0.0f ? 1.0f / plan->scale : 0.0f;
 }
 
-/* n pixels (r,g,b) of the result to image values: network values of family U, exposed radiance of
- * K. */
-static void finish(float *v, const lull_plan *plan, unsigned channels, unsigned n)
+void lull_exec_finish(float *v, const lull_plan *plan, unsigned channels, unsigned n)
 {
     lull_content_rule rule = lull_exec_content(&plan->frame);
     int is_family_u = plan->model->graph.family == LULL_FAMILY_U;
@@ -370,7 +367,7 @@ void lull_exec_store_part(const lull_task *t, unsigned x, unsigned y, unsigned c
             get_output(plan, block, row + (x - t->left) * lull_ring_pixel(&plan->ring[last]), n);
         else if (store_modulated(t, block, x, y, n))
             continue;
-        finish(block, plan, t->images->output.channels, n);
+        lull_exec_finish(block, plan, t->images->output.channels, n);
         lull_image_store(&t->images->output, plan->frame.width, x, y - t->base_row, n, block);
     }
 }

@@ -121,8 +121,11 @@ static bool find_overlap(OIDNFilter filter, unsigned features, bool *staged)
 
 void lull_filter_free_plan(OIDNFilter filter)
 {
+    if (filter->engine_plan)
+        filter->device->engine->free_plan(filter->engine_plan);
     lull_os_free(filter->plan_memory);
     lull_os_free(filter->stage);
+    filter->engine_plan = NULL;
     filter->plan_memory = NULL;
     filter->plan = NULL;
     filter->stage = NULL;
@@ -146,6 +149,7 @@ static bool set_limits(OIDNFilter filter, const lull_model *model, size_t fixed,
                        lull_fault *fault)
 {
     const int megabytes = filter->values[lull_value_max_memory_mb].i;
+    lull_engine *engine = filter->device->engine;
     lull_model_info info;
     size_t floor;
 
@@ -157,7 +161,10 @@ static bool set_limits(OIDNFilter filter, const lull_model *model, size_t fixed,
         frame->row_step = 2;
         return true;
     }
-    floor = lull_plan_minimum(frame, model);
+    floor = engine ? (size_t)engine->minimum(engine, frame, model, fault)
+                   : lull_plan_minimum(frame, model);
+    if (fault->code != OIDN_ERROR_NONE)
+        return false;
     if ((uint64_t)fixed + floor > (uint64_t)megabytes << 20)
         return lull_fail(fault, OIDN_ERROR_OUT_OF_MEMORY,
                          "maxMemoryMB is %d, but this filter needs at least %llu bytes (%llu MB)",
@@ -168,18 +175,38 @@ static bool set_limits(OIDNFilter filter, const lull_model *model, size_t fixed,
     return true;
 }
 
-static bool make_plan(OIDNFilter filter, const lull_frame *frame, const lull_model *model,
-                      size_t stage_bytes, lull_fault *fault)
+/* The core's plan. */
+static bool make_core_plan(OIDNFilter filter, const lull_frame *frame, const lull_model *model,
+                           lull_fault *fault)
 {
     const size_t size = lull_plan_size(frame, model);
     const size_t bytes = size ? size : FAILED_PLAN;
     lull_status status;
 
-    lull_filter_free_plan(filter);
     filter->plan_memory = lull_os_alloc(bytes);
     if (!filter->plan_memory)
         return lull_fail(fault, OIDN_ERROR_OUT_OF_MEMORY, "out of memory: plan of %llu bytes",
                          (unsigned long long)bytes);
+    status = lull_plan_init(&filter->plan, filter->plan_memory, bytes, frame, model);
+    if (status != LULL_OK)
+        filter->plan = NULL;
+    return lull_fail_status(fault, status, "the weights cannot be used with these images");
+}
+
+/* The engine's. */
+static bool make_engine_plan(OIDNFilter filter, const lull_frame *frame, const lull_model *model,
+                             lull_fault *fault)
+{
+    lull_engine *engine = filter->device->engine;
+
+    filter->engine_plan = engine->new_plan(engine, frame, model, fault);
+    return filter->engine_plan != NULL;
+}
+
+static bool make_plan(OIDNFilter filter, const lull_frame *frame, const lull_model *model,
+                      size_t stage_bytes, lull_fault *fault)
+{
+    lull_filter_free_plan(filter);
     if (stage_bytes) {
         filter->stage = lull_os_alloc(stage_bytes);
         if (!filter->stage)
@@ -187,10 +214,8 @@ static bool make_plan(OIDNFilter filter, const lull_frame *frame, const lull_mod
                              "out of memory: output copy of %llu bytes",
                              (unsigned long long)stage_bytes);
     }
-    status = lull_plan_init(&filter->plan, filter->plan_memory, bytes, frame, model);
-    if (status != LULL_OK)
-        filter->plan = NULL;
-    if (!lull_fail_status(fault, status, "the weights cannot be used with these images"))
+    if (!(filter->device->engine ? make_engine_plan(filter, frame, model, fault)
+                                 : make_core_plan(filter, frame, model, fault)))
         return false;
     filter->frame = *frame;
     filter->model = model;
@@ -236,7 +261,10 @@ static void print_summary(OIDNFilter filter, size_t model_bytes)
     unsigned i;
 
     lull_model_get_info(filter->model, &model);
-    lull_plan_get_info(filter->plan, &plan);
+    if (filter->engine_plan)
+        filter->device->engine->get_info(filter->engine_plan, &plan);
+    else
+        lull_plan_get_info(filter->plan, &plan);
     printf("%s filter\n  Inputs :", filter->type == LULL_RT ? "RT" : "RTLightmap");
     for (i = 0; i < LULL_IMAGES; i++)
         if (filter->images[i].set)
@@ -309,13 +337,13 @@ static bool prepare(OIDNFilter filter, bool may_change, bool *busy, lull_fault *
     if (!choose_model(filter, &frame, &model, &model_bytes, fault))
         return false;
     frame.in_place = find_overlap(filter, frame.features, &staged);
-    if (staged) {
+    if (staged || (frame.in_place && filter->device->engine)) {
         frame.in_place = 0;
         stage_bytes = output->width * output->height * lull_format_bytes(output->format);
     }
     if (!set_limits(filter, model, model_bytes + stage_bytes, &frame, fault))
         return false;
-    if (!filter->plan || filter->model != model || filter->stage_bytes != stage_bytes ||
+    if ((!filter->plan && !filter->engine_plan) || filter->model != model || filter->stage_bytes != stage_bytes ||
         !same_frame(&filter->frame, &frame)) {
         *busy = !may_change;
         if (!may_change)
