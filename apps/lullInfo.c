@@ -1,7 +1,7 @@
 /* lullInfo: what lull sees. Without arguments the processor, the ports of this build, the OpenCL
- * device and the built-in models; of weights files the network, its cost and memory; of images their
- * size, layers and values; with --compare the distance of images from a reference. docs/apps.md is
- * its manual. */
+ * device and the built-in models; of weights files the network, its cost and memory; of images
+ * their size, layers and values; with --compare the distance of images from a reference.
+ * docs/apps.md is its manual. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>

@@ -343,8 +343,8 @@ static bool prepare(OIDNFilter filter, bool may_change, bool *busy, lull_fault *
     }
     if (!set_limits(filter, model, model_bytes + stage_bytes, &frame, fault))
         return false;
-    if ((!filter->plan && !filter->engine_plan) || filter->model != model || filter->stage_bytes != stage_bytes ||
-        !same_frame(&filter->frame, &frame)) {
+    if ((!filter->plan && !filter->engine_plan) || filter->model != model ||
+        filter->stage_bytes != stage_bytes || !same_frame(&filter->frame, &frame)) {
         *busy = !may_change;
         if (!may_change)
             return true;

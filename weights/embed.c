@@ -90,8 +90,8 @@ static int embed_texts(FILE *out, const char *name, char **files, int count)
 {
     int ok = 1;
 
-    fprintf(out, "/* Made by weights/embed.c. */\nextern const char %s[];\nconst char %s[] = {", name,
-            name);
+    fprintf(out, "/* Made by weights/embed.c. */\nextern const char %s[];\n", name);
+    fprintf(out, "const char %s[] = {", name);
     for (int i = 0; ok && i < count; i++)
         ok = put_bytes(out, files[i]) != 0;
     fputs("0};\n", out);

@@ -120,7 +120,8 @@ static void all_models_features_and_contents(void)
 static void odd_values(void)
 {
     static const float odd[] = {NAN,      INFINITY, -INFINITY, -1.0f, 1e38f, -1e38f, 1e-38f,
-                                1e-40f,   -1e-40f,  0.0f,      -0.0f, 65504.0f, 7e4f, 1.1754944e-38f};
+                                1e-40f,   -1e-40f,  0.0f,      -0.0f, 65504.0f, 7e4f,
+                                1.1754944e-38f};
     static const float scales[] = {NAN, 1.0f, 0.0f, -1.0f, 1e-30f, 1e30f, 1e-38f, INFINITY};
     frame f = plain;
     float *images[3];

@@ -15,7 +15,7 @@ OIDN_API_NAMESPACE_BEGIN
  * Errors: OIDN_ERROR_UNSUPPORTED_HARDWARE if there is no OpenCL library or no device that will do;
  * nothing else loads the library. The device's commit compiles the kernels.
  *
- * In C++, with oidn.hpp: oidn::newDevice(static_cast<oidn::DeviceType>(LULL_DEVICE_TYPE_OPENCL)). */
+ * In C++, with oidn.hpp: static_cast<oidn::DeviceType>(LULL_DEVICE_TYPE_OPENCL). */
 #define LULL_DEVICE_TYPE_OPENCL 1000
 
 /* Name of the hardware of a device; valid as long as the device. NULL is an error of no device. */

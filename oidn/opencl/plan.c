@@ -3,8 +3,8 @@
  * tiles whose overlap makes them exact. */
 #include "opencl.h"
 
-#include "../lib/exposure.h"
-#include "../lib/image.h"
+#include "../../lib/exposure.h"
+#include "../../lib/image.h"
 
 #include <string.h>
 

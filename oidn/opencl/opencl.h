@@ -3,12 +3,12 @@
 #ifndef LULL_OIDN_OPENCL_H
 #define LULL_OIDN_OPENCL_H
 
-#include "../lib/exec.h"
-#include "../ports/opencl/args.h"
-#include "internal.h"
-#include "opencl_api.h"
+#include "../../lib/exec.h"
+#include "../../ports/opencl/args.h"
+#include "../internal.h"
+#include "api.h"
 
-/* ---- Devices (opencl.c) ---------------------------------------------------------------------- */
+/* ---- Devices (device.c) ---------------------------------------------------------------------- */
 
 /* The kernels, which are functions of ports/opencl. */
 #define LULL_CL_KERNELS(KERNEL)                                                                    \
@@ -39,7 +39,7 @@ typedef struct lull_opencl {
 /* Error of an OpenCL function; returns whether there is none. */
 bool lull_cl_check(lull_fault *fault, int32_t error, const char *what);
 
-/* ---- Schedules (opencl_schedule.c) ----------------------------------------------------------- */
+/* ---- Schedules (schedule.c) ----------------------------------------------------------- */
 
 /* Tensors beside the graph's: images as the host loads and stores them, and what one kernel leaves
  * for others. LULL_TENSOR_RADIANCE is the main image. */
@@ -90,7 +90,7 @@ void lull_cl_schedule_make(lull_cl_schedule *schedule, unsigned width, unsigned 
 size_t lull_cl_layout(lull_cl_weights *weights, const lull_model *model);
 void lull_cl_pack(uint8_t *out, const lull_cl_weights *weights, const lull_model *model);
 
-/* ---- Plans (opencl_plan.c) ------------------------------------------------------------------- */
+/* ---- Plans (plan.c) ------------------------------------------------------------------- */
 
 /* The functions of lull_engine. */
 uint64_t lull_cl_plan_minimum(lull_engine *engine, const lull_frame *frame,
