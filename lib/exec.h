@@ -89,6 +89,22 @@ void lull_exec_correct(const lull_task *t, unsigned x, unsigned y, unsigned n);
 /* Columns [x, x+n) of row y of the task's layer, if it is one of the filter. */
 void lull_exec_filter(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker);
 
+/* A part of a row of a U network's input, and of its auxiliary channels if those are apart: pixels,
+ * and bytes from one to the next. */
+typedef struct lull_direct {
+    uint8_t *to[2];
+    size_t pixel[2];
+} lull_direct;
+
+/* n pixels of a U network's input from column x of row y of the images on; they pass through
+ * `block`. */
+void lull_exec_direct(const lull_task *t, const lull_direct *row, float *block, unsigned x,
+                      unsigned y, unsigned n);
+
+/* The first three channels of n pixels of a U network's output, `pixel` bytes each, as floats. */
+void lull_exec_output(const lull_model *model, float *out, const uint8_t *row, size_t pixel,
+                      unsigned n);
+
 /* n pixels of the main image of family K, from column x of row y of the images on; brought to
  * `block`, always so where rows are kept. */
 void lull_exec_main(lull_encoding *from, const lull_task *t, float *block, unsigned x, unsigned y,

@@ -65,9 +65,10 @@ typedef struct lull_cl_step {
 
 #define LULL_CL_STEPS (LULL_MAX_LAYERS + 6) /* layers, what is made of images, gains, result */
 
-/* Where a convolution's weights are in the model's memory. */
+/* Where a convolution's weights are in the model's memory; its shift. */
 typedef struct lull_cl_weights {
-    uint32_t bias, multiplier, taps[2];
+    uint32_t shift;
+    uint32_t bias, multiplier, taps[LULL_CL_CONV_SOURCES];
 } lull_cl_weights;
 
 /* All kernels of a frame, or of a tile as if it were one, and the working memory: tensors share it
@@ -81,6 +82,9 @@ typedef struct lull_cl_schedule {
     unsigned steps;
     lull_cl_step step[LULL_CL_STEPS];
     lull_cl_tensor tensor[LULL_CL_TENSORS];
+    struct {
+        size_t bytes, before; /* of the whole tensor, and of what is before pixel (0, 0) */
+    } extent[LULL_CL_TENSORS];
 } lull_cl_schedule;
 
 /* Fills in what depends on the size. graph, weights and flags are set. */

@@ -74,8 +74,9 @@ static void start(lull_engine_plan *plan, lull_opencl *cl, const lull_frame *fra
                   const lull_model *model)
 {
     const unsigned align = 1u << model->graph.levels;
-    size_t end = lull_align_up(sizeof *plan, LULL_ALIGN);
+    const size_t end = lull_align_up(sizeof *plan, LULL_ALIGN);
 
+    memset(plan, 0, sizeof *plan);
     plan->cl = cl;
     plan->host.model = model;
     plan->host.frame = *frame;
@@ -94,28 +95,39 @@ static void start(lull_engine_plan *plan, lull_opencl *cl, const lull_frame *fra
         plan->schedule.flags |= LULL_CL_CLIPPED;
 }
 
+/* The frame and the model, as the core checks them: of a plan that it makes only the head fits, so
+ * that it gets as far as finding too little memory. */
+static bool check(lull_engine_plan *plan, const lull_frame *frame, const lull_model *model,
+                  lull_fault *fault)
+{
+    lull_plan *none;
+    lull_status status;
+
+    if (!model->graph.is_integer)
+        return lull_fail(fault, OIDN_ERROR_UNSUPPORTED_HARDWARE,
+                         "unsupported weights: OpenCL devices run integer networks only; use a "
+                         "CPU device for networks in floating point");
+    status = lull_plan_init(&none, &plan->host, sizeof plan->host, frame, model);
+    return status == LULL_ERROR_MEMORY ||
+           lull_fail_status(fault, status, "the weights cannot be used with these images");
+}
+
 static lull_engine_plan *allocate(lull_engine *engine, const lull_frame *frame,
                                   const lull_model *model, lull_fault *fault)
 {
     const size_t rows = lull_exposure_rows(frame->height) * sizeof(lull_exposure_row);
-    lull_engine_plan *plan;
+    lull_engine_plan *plan = lull_os_alloc_zero(lull_align_up(sizeof *plan, LULL_ALIGN) + rows);
 
-    if (model->graph.family != LULL_FAMILY_K) {
-        lull_fail(fault, OIDN_ERROR_UNSUPPORTED_HARDWARE,
-                  "unsupported weights: OpenCL devices run kernel-predicting networks only; use a "
-                  "CPU device for U-Nets");
-        return NULL;
-    }
-    if (frame->width > LULL_MAX_SIZE || frame->height > LULL_MAX_SIZE) {
-        lull_fail_status(fault, LULL_ERROR_ARGUMENT, "images");
-        return NULL;
-    }
-    plan = lull_os_alloc_zero(lull_align_up(sizeof *plan, LULL_ALIGN) + rows);
-    if (plan)
-        start(plan, (lull_opencl *)engine, frame, model);
-    else
+    if (!plan) {
         lull_fail(fault, OIDN_ERROR_OUT_OF_MEMORY, "out of memory");
-    return plan;
+        return NULL;
+    }
+    if (check(plan, frame, model, fault)) {
+        start(plan, (lull_opencl *)engine, frame, model);
+        return plan;
+    }
+    lull_os_free(plan);
+    return NULL;
 }
 
 uint64_t lull_cl_plan_minimum(lull_engine *engine, const lull_frame *frame,
@@ -201,12 +213,106 @@ typedef struct run {
     const lull_images *images;
     const lull_host *host;
     lull_fault *fault;
-    unsigned tile;                     /* number of it */
-    unsigned left, top;                /* of all that it needs */
-    unsigned begin_x, end_x, begin_y;  /* of its output */
-    unsigned feature;                  /* the image that is loaded */
-    char *mapped;                      /* pixels of an image, tight */
+    unsigned tile;                    /* number of it */
+    unsigned left, top;               /* of all that it needs */
+    unsigned begin_x, end_x, begin_y; /* of its output */
+    unsigned feature;                 /* the image that is loaded */
+    uint8_t tensor[2];                /* those that the host sees, and ... */
+    uint8_t *pixels[2];               /* ... their pixels (0, 0) */
 } run;
+
+/* Pixel (x, y) of one of the two tensors. */
+static uint8_t *pixel_at(const run *r, unsigned i, long x, long y)
+{
+    const lull_cl_tensor *t = &r->plan->schedule.tensor[r->tensor[i]];
+
+    return r->pixels[i] + y * (long)t->pitch + x * (long)t->pixel;
+}
+
+static float *floats_at(const run *r, unsigned x, unsigned y)
+{
+    return (float *)(void *)pixel_at(r, 0, (long)x, (long)y);
+}
+
+/* ---- Rows of tensors ------------------------------------------------------------------------- */
+
+/* Of an image for a network of family K. */
+static void load_image(void *context, unsigned y, unsigned worker)
+{
+    const run *r = context;
+    const unsigned n = (unsigned)r->plan->schedule.width;
+    float *to = floats_at(r, 0, y);
+    lull_encoding from;
+
+    (void)worker;
+    if (r->feature == 0) {
+        lull_exec_main(&from, &r->task, to, r->left, r->top + y, n);
+    } else {
+        const float *pixels = lull_exec_aux(&r->task, r->feature, to, r->left, r->top + y, n);
+
+        if (pixels != to)
+            memcpy(to, pixels, n * 3 * sizeof *to);
+    }
+}
+
+static void store_image(void *context, unsigned index, unsigned worker)
+{
+    const run *r = context;
+    const unsigned y = r->begin_y + index, n = r->end_x - r->begin_x;
+    float *from = floats_at(r, r->begin_x - r->left, y - r->top);
+
+    (void)worker;
+    lull_exec_finish(from, &r->plan->host, r->images->output.channels, n);
+    lull_image_store(&r->images->output, r->plan->host.frame.width, r->begin_x, y, n, from);
+}
+
+/* Of the input of a U network, its border included: zeros all around. */
+static void load_codes(void *context, unsigned index, unsigned worker)
+{
+    const run *r = context;
+    const lull_cl_schedule *s = &r->plan->schedule;
+    const long y = (long)index - LULL_CL_BORDER;
+    float block[3 * LULL_BLOCK];
+    lull_direct row;
+    int32_t x, n;
+    unsigned i;
+
+    (void)worker;
+    for (i = 0; i < 2 && r->pixels[i]; i++) {
+        const size_t pitch = s->tensor[r->tensor[i]].pitch;
+
+        memset(pixel_at(r, i, 0, y) - s->extent[r->tensor[i]].before % pitch, 0, pitch);
+    }
+    for (x = 0; y >= 0 && y < s->height && x < s->width; x += n) {
+        n = (int32_t)smaller(LULL_BLOCK, (unsigned)(s->width - x));
+        for (i = 0; i < 2; i++) {
+            row.pixel[i] = s->tensor[r->tensor[i]].pixel;
+            row.to[i] = r->pixels[i] ? pixel_at(r, i, x, y) : NULL;
+        }
+        lull_exec_direct(&r->task, &row, block, r->left + (unsigned)x, r->top + (unsigned)y,
+                         (unsigned)n);
+    }
+}
+
+static void store_codes(void *context, unsigned index, unsigned worker)
+{
+    const run *r = context;
+    const unsigned y = r->begin_y + index;
+    float block[3 * LULL_BLOCK];
+    unsigned x, n;
+
+    (void)worker;
+    for (x = r->begin_x; x < r->end_x; x += n) {
+        n = smaller(LULL_BLOCK, r->end_x - x);
+        lull_exec_output(r->plan->host.model, block,
+                         pixel_at(r, 0, (long)(x - r->left), (long)(y - r->top)),
+                         r->plan->schedule.tensor[r->tensor[0]].pixel, n);
+        lull_exec_finish(block, &r->plan->host, r->images->output.channels, n);
+        lull_image_store(&r->images->output, r->plan->host.frame.width, x, y, n, block);
+    }
+}
+
+/* ---- Tiles ----------------------------------------------------------------------------------- */
 
 /* Calls body for each of `count` rows, on several threads if the host has them. */
 static void for_rows(run *r, unsigned count, void (*body)(void *, unsigned, unsigned))
@@ -220,77 +326,74 @@ static void for_rows(run *r, unsigned count, void (*body)(void *, unsigned, unsi
             body(r, i, 0);
 }
 
-static float *mapped_row(const run *r, unsigned row)
-{
-    return (float *)(void *)(r->mapped + (size_t)row * 12 * (size_t)r->plan->schedule.width);
-}
-
-static void load_row(void *context, unsigned index, unsigned worker)
-{
-    const run *r = context;
-    const unsigned n = (unsigned)r->plan->schedule.width;
-    float *to = mapped_row(r, index);
-    lull_encoding from;
-
-    (void)worker;
-    if (r->feature == 0) {
-        lull_exec_main(&from, &r->task, to, r->left, r->top + index, n);
-    } else {
-        const float *pixels =
-            lull_exec_aux(&r->task, r->feature, to, r->left, r->top + index, n);
-
-        if (pixels != to)
-            memcpy(to, pixels, n * 3 * sizeof *to);
-    }
-}
-
-static void store_row(void *context, unsigned index, unsigned worker)
-{
-    const run *r = context;
-    const unsigned y = r->begin_y + index, n = r->end_x - r->begin_x;
-    float *from = mapped_row(r, y - r->top) + 3 * (size_t)(r->begin_x - r->left);
-
-    (void)worker;
-    lull_exec_finish(from, &r->plan->host, r->images->output.channels, n);
-    lull_image_store(&r->images->output, r->plan->host.frame.width, r->begin_x, y, n, from);
-}
-
-/* Lets the host fill an image tensor, or take one, row by row. */
-static bool with_image(run *r, unsigned tensor, unsigned rows, uint64_t flags,
-                       void (*body)(void *, unsigned, unsigned))
+/* Lets the host fill a tensor, or take one, row by row; or two, unless the second is NONE. */
+static bool with_tensors(run *r, unsigned first, unsigned second, unsigned rows, uint64_t flags,
+                         void (*body)(void *, unsigned, unsigned))
 {
     const lull_cl_api *api = &r->plan->cl->api;
-    const lull_cl_tensor *t = &r->plan->schedule.tensor[tensor];
-    const size_t bytes = (size_t)t->pitch * (size_t)r->plan->schedule.height;
-    int32_t error;
+    const lull_cl_schedule *s = &r->plan->schedule;
+    const unsigned tensors[2] = {first, second};
+    uint8_t *mapped[2] = {NULL, NULL};
+    int32_t error = CL_SUCCESS;
+    unsigned i;
 
-    r->mapped = api->clEnqueueMapBuffer(r->plan->cl->queue, r->plan->memory, 1, flags,
-                                        (size_t)t->at * LULL_CL_UNIT, bytes, 0, NULL, NULL, &error);
-    if (!lull_cl_check(r->fault, error, "clEnqueueMapBuffer"))
-        return false;
-    for_rows(r, rows, body);
-    error = api->clEnqueueUnmapMemObject(r->plan->cl->queue, r->plan->memory, r->mapped, 0, NULL,
-                                         NULL);
-    return lull_cl_check(r->fault, error, "clEnqueueUnmapMemObject");
+    for (i = 0; i < 2; i++) {
+        r->tensor[i] = 0;
+        r->pixels[i] = NULL;
+        if (tensors[i] == LULL_TENSOR_NONE || error != CL_SUCCESS)
+            continue;
+        mapped[i] = api->clEnqueueMapBuffer(
+            r->plan->cl->queue, r->plan->memory, 1, flags,
+            (size_t)s->tensor[tensors[i]].at * LULL_CL_UNIT - s->extent[tensors[i]].before,
+            s->extent[tensors[i]].bytes, 0, NULL, NULL, &error);
+        if (error != CL_SUCCESS)
+            continue;
+        r->tensor[i] = (uint8_t)tensors[i];
+        r->pixels[i] = mapped[i] + s->extent[tensors[i]].before;
+    }
+    if (error == CL_SUCCESS)
+        for_rows(r, rows, body);
+    for (i = 0; i < 2; i++)
+        if (r->pixels[i]) {
+            const int32_t unmapped = api->clEnqueueUnmapMemObject(
+                r->plan->cl->queue, r->plan->memory, mapped[i], 0, NULL, NULL);
+
+            error = error == CL_SUCCESS ? unmapped : error;
+        }
+    return lull_cl_check(r->fault, error, "access to the device's memory");
 }
 
 static bool load_images(run *r)
 {
+    static const uint8_t tensors[3] = {LULL_TENSOR_RADIANCE, LULL_CL_IMAGE_ALBEDO,
+                                       LULL_CL_IMAGE_NORMAL};
+    static const uint32_t needs[3] = {0, LULL_CL_ALBEDO, LULL_CL_NORMAL};
+    const lull_graph *graph = &r->plan->host.model->graph;
     const unsigned rows = (unsigned)r->plan->schedule.height;
+    const unsigned all_rows = (unsigned)(r->plan->schedule.extent[LULL_TENSOR_INPUT].bytes /
+                                         r->plan->schedule.tensor[LULL_TENSOR_INPUT].pitch);
     const uint32_t flags = r->plan->schedule.flags;
-    unsigned i;
 
-    for (i = 0; i < 3; i++) {
-        static const uint8_t tensors[3] = {LULL_TENSOR_RADIANCE, LULL_CL_IMAGE_ALBEDO,
-                                           LULL_CL_IMAGE_NORMAL};
-        static const uint32_t needs[3] = {0, LULL_CL_ALBEDO, LULL_CL_NORMAL};
-
-        r->feature = i;
-        if ((flags & needs[i]) == needs[i] &&
-            !with_image(r, tensors[i], rows, CL_MAP_WRITE_INVALIDATE_REGION, load_row))
+    if (graph->family == LULL_FAMILY_U)
+        return with_tensors(r, LULL_TENSOR_INPUT, graph->aux ? LULL_TENSOR_AUX : LULL_TENSOR_NONE,
+                            all_rows,
+                            CL_MAP_WRITE_INVALIDATE_REGION, load_codes);
+    for (r->feature = 0; r->feature < 3; r->feature++)
+        if ((flags & needs[r->feature]) == needs[r->feature] &&
+            !with_tensors(r, tensors[r->feature], LULL_TENSOR_NONE, rows,
+                          CL_MAP_WRITE_INVALIDATE_REGION, load_image))
             return false;
-    }
     return true;
+}
+
+static bool store_result(run *r, unsigned rows)
+{
+    const lull_graph *graph = &r->plan->host.model->graph;
+
+    if (graph->family == LULL_FAMILY_U)
+        return with_tensors(r, graph->layers, LULL_TENSOR_NONE, rows, CL_MAP_READ, store_codes);
+    return with_tensors(r, LULL_CL_IMAGE_RESULT, LULL_TENSOR_NONE, rows, CL_MAP_READ | CL_MAP_WRITE,
+                        store_image);
 }
 
 static bool enqueue(run *r, const lull_cl_step *step)
@@ -357,8 +460,7 @@ static lull_status run_tile(run *r, unsigned x, unsigned y)
     if (!load_images(r))
         return LULL_ERROR_UNSUPPORTED;
     status = run_steps(r);
-    if (status == LULL_OK && !with_image(r, LULL_CL_IMAGE_RESULT, end_y - y,
-                                         CL_MAP_READ | CL_MAP_WRITE, store_row))
+    if (status == LULL_OK && !store_result(r, end_y - y))
         return LULL_ERROR_UNSUPPORTED;
     return status;
 }

@@ -23,6 +23,12 @@ static int32_t padded(int32_t size, unsigned level)
 }
 static int32_t inside(int32_t size, unsigned level) { return (size + (1 << level) - 1) >> level; }
 
+/* Bytes of an element. */
+static uint32_t element(const lull_graph *graph, unsigned tensor)
+{
+    return (uint32_t)lull_dtype_bytes(lull_graph_dtype(graph, tensor));
+}
+
 static shape shape_of(const lull_cl_schedule *s, unsigned tensor)
 {
     static const uint8_t pixels[] = {12, 12, 12, 1, 4}; /* from LULL_CL_IMAGE_ALBEDO on */
@@ -35,10 +41,11 @@ static shape shape_of(const lull_cl_schedule *s, unsigned tensor)
         of.pixel = pixels[tensor - LULL_TENSORS];
     } else if (tensor == LULL_TENSOR_RADIANCE) {
         of.pixel = 12;
-    } else if (tensor == LULL_TENSOR_GUIDE) {
+    } else if (tensor == LULL_TENSOR_GUIDE && s->graph->family == LULL_FAMILY_K) {
         of.pixel = 2;
-    } else if (lull_graph_dtype(s->graph, tensor) == LULL_DTYPE_U8) {
-        of.pixel = (uint32_t)round_up((int32_t)lull_graph_channels(s->graph, tensor), 4);
+    } else if (element(s->graph, tensor) < 4) { /* codes */
+        of.pixel = (uint32_t)lull_align_up(
+            lull_graph_channels(s->graph, tensor) * element(s->graph, tensor), 4);
         of.border = LULL_CL_BORDER;
     }
     if (of.pixel == 12 && !of.border) { /* an image: as large as the host's */
@@ -51,6 +58,7 @@ static shape shape_of(const lull_cl_schedule *s, unsigned tensor)
 /* Turns in which a tensor is made and last used; images of the host are there before. */
 static void find_life(const lull_cl_schedule *s, unsigned tensor, unsigned *first, unsigned *last)
 {
+    const int is_u = s->graph->family == LULL_FAMILY_U;
     unsigned i, k;
 
     *first = s->steps + 1;
@@ -66,7 +74,8 @@ static void find_life(const lull_cl_schedule *s, unsigned tensor, unsigned *firs
             *last = i + 1;
     }
     if (tensor == LULL_TENSOR_RADIANCE || tensor == LULL_CL_IMAGE_ALBEDO ||
-        tensor == LULL_CL_IMAGE_NORMAL)
+        tensor == LULL_CL_IMAGE_NORMAL ||
+        (is_u && (tensor == LULL_TENSOR_INPUT || tensor == LULL_TENSOR_AUX)))
         *first = *first > s->steps ? *first : 0;
 }
 
@@ -111,10 +120,10 @@ static void place_tensors(lull_cl_schedule *s)
         find_life(s, t, &p->first, &p->last);
         if (p->first > s->steps)
             continue;
-        find_place(p, lull_align_up(pitch * (size_t)(of.height + 2 * of.border), LULL_CL_UNIT),
-                   places, count++);
-        s->tensor[t].at =
-            (uint32_t)((p->begin + (size_t)of.border * pitch + left) / LULL_CL_UNIT);
+        s->extent[t].bytes = pitch * (size_t)(of.height + 2 * of.border);
+        s->extent[t].before = (size_t)of.border * pitch + left;
+        find_place(p, lull_align_up(s->extent[t].bytes, LULL_CL_UNIT), places, count++);
+        s->tensor[t].at = (uint32_t)((p->begin + s->extent[t].before) / LULL_CL_UNIT);
         s->tensor[t].pitch = (uint32_t)pitch;
         s->tensor[t].pixel = of.pixel;
         s->bytes = p->end > s->bytes ? p->end : s->bytes;
@@ -164,29 +173,43 @@ static lull_cl_step *add_filter(lull_cl_schedule *s, unsigned kernel, unsigned o
     return step;
 }
 
+/* Rows of taps of source s of a convolution, and their columns. */
+static unsigned tap_rows(const lull_layer *layer, unsigned s)
+{
+    return layer->op == LULL_OP_HEAD ? 1 : s == 0 && lull_layer_is_up(layer) ? 8 : 3;
+}
+static unsigned tap_columns(const lull_layer *layer, unsigned s)
+{
+    return layer->op == LULL_OP_HEAD ? 1 : s == 0 && lull_layer_is_up(layer) ? 2 : 3;
+}
+
 /* A convolution: squares of 2x2 pixels, those of the border included. */
 static void add_conv(lull_cl_schedule *s, unsigned l)
 {
     const lull_layer *layer = &s->graph->layer[l];
-    const int is_head = layer->op == LULL_OP_HEAD, border = LULL_CL_BORDER;
-    const uint8_t sources[LULL_CL_SOURCES] = {layer->source[0],
-                                              is_head ? CL_NONE : layer->source[1], CL_NONE,
-                                              CL_NONE};
-    lull_cl_step *step = add_step(s, LULL_CL_conv, l + 1, sources);
-    lull_cl_conv *args = &step->args.conv;
+    const int32_t border = LULL_CL_BORDER;
+    uint8_t sources[LULL_CL_SOURCES] = {CL_NONE, CL_NONE, CL_NONE, CL_NONE};
+    lull_cl_step *step;
+    lull_cl_conv *args;
     unsigned i;
 
+    for (i = 0; i < LULL_MAX_SOURCES; i++)
+        if (lull_layer_inputs(s->graph, layer, i))
+            sources[i] = layer->source[i];
+    step = add_step(s, LULL_CL_conv, l + 1, sources);
+    args = &step->args.conv;
     step->args_bytes = sizeof *args;
     args->width = padded(s->width, layer->level);
     args->height = padded(s->height, layer->level);
     args->outputs = layer->outputs;
-    args->sources = sources[1] == CL_NONE ? 1 : 2;
-    args->form = (is_head ? LULL_CL_HEAD : 0) | (lull_layer_is_up(layer) ? LULL_CL_UP : 0) |
-                 (layer->pool ? LULL_CL_POOL : 0);
-    for (i = 0; i < args->sources; i++) {
-        const uint32_t columns = is_head ? 1 : i == 0 && lull_layer_is_up(layer) ? 2 : 3;
-
-        args->length[i] = columns * shape_of(s, sources[i]).pixel / 4;
+    args->most = (int32_t)lull_graph_max(s->graph, l + 1);
+    args->shift = s->weights[l].shift;
+    args->form = (layer->op == LULL_OP_HEAD ? LULL_CL_HEAD : 0) |
+                 (lull_layer_is_up(layer) ? LULL_CL_UP : 0) | (layer->pool ? LULL_CL_POOL : 0);
+    for (i = 0; i < LULL_CL_CONV_SOURCES && sources[i] != CL_NONE; i++) {
+        args->sources = i + 1;
+        args->wide |= (uint32_t)(element(s->graph, sources[i]) == 2) << i;
+        args->length[i] = tap_columns(layer, i) * shape_of(s, sources[i]).pixel / 4;
         args->weights[i] = s->weights[l].taps[i];
     }
     args->bias = s->weights[l].bias;
@@ -282,13 +305,15 @@ void lull_cl_schedule_make(lull_cl_schedule *s, unsigned width, unsigned height)
     s->width = (int32_t)width;
     s->height = (int32_t)height;
     s->steps = 0;
-    add_inputs(s);
+    if (graph->family == LULL_FAMILY_K)
+        add_inputs(s);
     for (l = 0; l < graph->layers; l++)
         if (lull_layer_is_conv(&graph->layer[l]))
             add_conv(s, l);
         else
             add_layer(s, l);
-    add_filter(s, LULL_CL_modulate, LULL_CL_IMAGE_RESULT, 0, result);
+    if (graph->family == LULL_FAMILY_K)
+        add_filter(s, LULL_CL_modulate, LULL_CL_IMAGE_RESULT, 0, result);
     place_tensors(s);
     for (i = 0; i < s->steps; i++) {
         lull_cl_step *step = &s->step[i];
@@ -304,29 +329,24 @@ void lull_cl_schedule_make(lull_cl_schedule *s, unsigned width, unsigned height)
 
 /* ---- Weights --------------------------------------------------------------------------------- */
 
-/* Rows of taps of source s of a convolution, and their columns. */
-static unsigned tap_rows(const lull_layer *layer, unsigned s)
-{
-    return layer->op == LULL_OP_HEAD ? 1 : s == 0 && lull_layer_is_up(layer) ? 8 : 3;
-}
-static unsigned tap_columns(const lull_layer *layer, unsigned s)
-{
-    return layer->op == LULL_OP_HEAD ? 1 : s == 0 && lull_layer_is_up(layer) ? 2 : 3;
-}
-
 /* Tap of output o on channel c of a column in a row of taps, as the CPU's kernels have it
  * (kernels.h, lull_packed_layer). */
 static int8_t get_tap(const lull_model *model, unsigned l, unsigned s, unsigned row,
                       unsigned column, unsigned c, unsigned o)
 {
+    static const uint8_t blocks[] = {LULL_PACK_SOURCE, LULL_PACK_SKIP, LULL_PACK_THIRD};
     const lull_layer *layer = &model->graph.layer[l];
     const lull_packed_layer *packed = &model->layer[l];
+    const lull_dtype dtype = lull_graph_dtype(&model->graph, layer->source[s]);
     const unsigned inputs = lull_layer_inputs(&model->graph, layer, s);
     const unsigned lanes =
         lull_pack_is_int3(&model->graph, &model->kernels, l) ? 1 : model->kernels.block_int;
-    const unsigned length = lull_pack_length(
-        LULL_DTYPE_U8, (tap_columns(layer, s) + packed->has_pairs) * inputs);
-    unsigned block = s ? LULL_PACK_SKIP + row : row, k;
+    const unsigned length =
+        lull_pack_length(dtype, (tap_columns(layer, s) + packed->has_pairs) * inputs);
+    const unsigned together = dtype == LULL_DTYPE_U8 ? 4 : 2; /* elements of a dword */
+    unsigned block = blocks[s] + row, k;
+    const int8_t *dword;
+    int16_t word;
 
     if (s == 0 && lull_layer_is_up(layer)) {
         unsigned phase = row / 2, is_right = packed->has_pairs & phase;
@@ -336,8 +356,22 @@ static int8_t get_tap(const lull_model *model, unsigned l, unsigned s, unsigned 
         block = lull_pack_block(layer, phase - is_right, row % 2);
     }
     k = column * inputs + c;
-    return *((const int8_t *)model + packed->weights[block] +
-             ((size_t)(o / lanes * length + k / 4) * lanes + o % lanes) * 4 + k % 4);
+    dword = (const int8_t *)model + packed->weights[block] +
+            ((size_t)(o / lanes * length + k / together) * lanes + o % lanes) * 4;
+    if (dtype == LULL_DTYPE_U8)
+        return dword[k % 4];
+    if (model->kernels.splits_wide)
+        return dword[2 * (k % 2) + 1];
+    memcpy(&word, dword + 2 * (k % 2), sizeof word);
+    return (int8_t)word;
+}
+
+/* Channels of a pixel of source s, those that fill its last dword included. */
+static unsigned whole_channels(const lull_graph *graph, const lull_layer *layer, unsigned s)
+{
+    const unsigned inputs = lull_layer_inputs(graph, layer, s);
+
+    return inputs ? (unsigned)lull_align_up(inputs, 4 / element(graph, layer->source[s])) : 0;
 }
 
 size_t lull_cl_layout(lull_cl_weights *weights, const lull_model *model)
@@ -354,10 +388,11 @@ size_t lull_cl_layout(lull_cl_weights *weights, const lull_model *model)
             continue;
         weights[l].bias = (uint32_t)lull_append(&total, outputs * 4);
         weights[l].multiplier = (uint32_t)lull_append(&total, outputs * 4);
-        for (s = 0; s < 2; s++)
-            weights[l].taps[s] = (uint32_t)lull_append(
-                &total, outputs * tap_rows(layer, s) * tap_columns(layer, s) *
-                            lull_align_up(lull_layer_inputs(graph, layer, s), 4));
+        weights[l].shift = model->layer[l].wide_shift;
+        for (s = 0; s < LULL_CL_CONV_SOURCES; s++)
+            weights[l].taps[s] =
+                (uint32_t)lull_append(&total, outputs * tap_rows(layer, s) * tap_columns(layer, s) *
+                                                  whole_channels(graph, layer, s));
     }
     return total;
 }
@@ -372,7 +407,7 @@ static void pack_taps(uint8_t *out, const lull_model *model, unsigned l, unsigne
     for (row = 0; row < tap_rows(layer, s); row++)
         for (first = 0; first < outputs; first += LULL_CL_BLOCK)
             for (column = 0; column < tap_columns(layer, s); column++)
-                for (c = 0; c < lull_align_up(inputs, 4); c++)
+                for (c = 0; c < whole_channels(&model->graph, layer, s); c++)
                     for (o = first; o < first + LULL_CL_BLOCK; o++)
                         *out++ = c < inputs && o < outputs
                                      ? (uint8_t)get_tap(model, l, s, row, column, c, o)
@@ -395,7 +430,7 @@ void lull_cl_pack(uint8_t *out, const lull_cl_weights *weights, const lull_model
         memcpy(out + weights[l].bias, packed + model->layer[l].bias, 4 * (size_t)layer->outputs);
         memcpy(out + weights[l].multiplier, packed + model->layer[l].multiplier,
                4 * (size_t)layer->outputs);
-        for (s = 0; s < 2; s++)
+        for (s = 0; s < LULL_CL_CONV_SOURCES; s++)
             if (lull_layer_inputs(graph, layer, s))
                 pack_taps(out + weights[l].taps[s], model, l, s);
     }

@@ -25,18 +25,24 @@ typedef struct lull_cl_tensor {
 #define LULL_CL_UP 2u   /* the first source is upsampled by 2: 2x2 taps for each of four phases */
 #define LULL_CL_POOL 4u /* 2x2 maxima */
 
-/* A convolution of bytes. Pixels of its tensors are whole dwords. Weights of source s are those of
- * one row of taps after the other, [output / 8][column][channel / 4][channel % 4][output % 8]; rows
- * of an upsampled source are numbered 2 * phase + row. */
+#define LULL_CL_CONV_SOURCES 3
+
+/* A convolution of integers (docs/arithmetic.md). Pixels of its tensors are whole dwords: of four
+ * bytes, or of two words where a tensor is wide. Weights of source s are bytes, those of one row of
+ * taps after the other, [output / 8][column][channel][output % 8]; rows of an upsampled source are
+ * numbered 2 * phase + row. */
 typedef struct lull_cl_conv {
-    lull_cl_tensor out, source[2];
+    lull_cl_tensor out, source[LULL_CL_CONV_SOURCES];
     int32_t width, height; /* of the output before pooling */
     uint32_t outputs;
+    int32_t most; /* largest code of the output; above 255 they are words */
     uint32_t sources;
-    uint32_t length[2];              /* dwords under a row of taps */
-    uint32_t weights[2];             /* bytes into the model's memory, like ... */
-    uint32_t bias, multiplier;       /* ... 8 words for each block of outputs */
-    uint32_t form;                   /* LULL_CL_HEAD, ... */
+    uint32_t wide;                          /* bit s: source s is, ... */
+    uint32_t shift;                         /* ... and the sum of the wide ones is shifted */
+    uint32_t length[LULL_CL_CONV_SOURCES];  /* dwords under a row of taps */
+    uint32_t weights[LULL_CL_CONV_SOURCES]; /* bytes into the model's memory, like ... */
+    uint32_t bias, multiplier;              /* ... 8 words for each block of outputs */
+    uint32_t form;                          /* LULL_CL_HEAD, ... */
 } lull_cl_conv;
 
 /* What the filter's kernels have to know. */

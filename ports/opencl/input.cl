@@ -52,8 +52,8 @@ KERNEL_OF_PIXELS encode(__global uchar *memory, __global const uchar *model, lul
     }
     to[0] = (uchar4)(code[0], code[1], code[2], code[3]);
     to[1] = (uchar4)(code[4], code[5], code[6], code[7]);
-    to[2] = (uchar4)(code[8], a.flags & LULL_CL_ALBEDO ? 255 : 0, a.flags & LULL_CL_NORMAL ? 255 : 0,
-                     a.flags & LULL_CL_CLIPPED ? 255 : 0);
+    to[2] = (uchar4)(code[8], a.flags & LULL_CL_ALBEDO ? 255 : 0,
+                     a.flags & LULL_CL_NORMAL ? 255 : 0, a.flags & LULL_CL_CLIPPED ? 255 : 0);
 }
 
 /* out: (1, albedo), zeros outside the image; source: albedo. */

@@ -271,14 +271,15 @@ static void in_place(void)
 
 /* ---- The numpy reference --------------------------------------------------------------------- */
 
-static void *read_golden(const char *name, size_t *bytes)
+/* A file of a golden test. */
+static void *read_golden(const char *test, const char *name, size_t *bytes)
 {
     const char *root = getenv("LULL_ROOT");
     char path[1024];
     void *data = malloc(1 << 20);
     FILE *file;
 
-    snprintf(path, sizeof path, "%s/tests/golden/kernel/%s", root ? root : ".", name);
+    snprintf(path, sizeof path, "%s/tests/golden/%s/%s", root ? root : ".", test, name);
     file = fopen(path, "rb");
     *bytes = file && data ? fread(data, 1, 1 << 20, file) : 0;
     if (file)
@@ -312,16 +313,16 @@ static void equals_the_reference(void)
         SKIP("optional: the vectors are little-endian");
     f.width = 45;
     f.height = 37;
-    f.weights = model = read_golden("weights.tza", &f.weights_bytes);
-    images[0] = read_golden("color.f32", &bytes);
-    images[1] = read_golden("albedo.f32", &bytes);
-    images[2] = read_golden("normal.f32", &bytes);
+    f.weights = model = read_golden("kernel", "weights.tza", &f.weights_bytes);
+    images[0] = read_golden("kernel", "color.f32", &bytes);
+    images[1] = read_golden("kernel", "albedo.f32", &bytes);
+    images[2] = read_golden("kernel", "normal.f32", &bytes);
     out = malloc(bytes);
     for (i = 0; i < COUNT(rows); i++) {
         f.features = rows[i].features;
         f.type = rows[i].type;
         f.content = rows[i].content;
-        expected = read_golden(rows[i].expected, &bytes);
+        expected = read_golden("kernel", rows[i].expected, &bytes);
         run(opencl, &f, images, out);
         if (!CHECK(!memcmp(out, expected, bytes)))
             printf("  %s\n", rows[i].expected);
@@ -330,6 +331,47 @@ static void equals_the_reference(void)
     free(out);
     free(model);
     free_images(images);
+}
+
+/* Integer U-Nets: wide and narrow layers, auxiliary images of words and of bytes, both topologies. */
+static void integer_unets(void)
+{
+    static const struct {
+        const char *test;
+        unsigned features;
+    } rows[] = {{"int_unet_3_eights", 1},       {"int_unet_3_narrow", 1},
+                {"int_unet_3_widest", 1},       {"int_unet_3_patches_extreme", 1},
+                {"int_unet_6_aux_extreme", 3},  {"int_unet_6_wide", 3},
+                {"int_unet_9_aux", 7},          {"int_unet_9_extreme", 7},
+                {"int_unet_9_mixed", 7},        {"int_unet_9_patches", 7},
+                {"int_unet_large_3_wide", 1},   {"int_unet_large_6_narrow", 3},
+                {"int_unet_large_9_mixed", 7}};
+    static const char *const contents[] = {"srgb", "hdr", NULL};
+    static const size_t sizes[][2] = {{1, 1}, {17, 33}, {93, 61}};
+    size_t i, k, s;
+
+    NEED_OPENCL();
+    for (s = 0; s < COUNT(sizes); s++) {
+        frame f = plain;
+        float *images[3];
+
+        f.width = sizes[s][0];
+        f.height = sizes[s][1];
+        make_images(images, f.width, f.height);
+        for (i = 0; i < COUNT(rows); i++) {
+            void *model = read_golden(rows[i].test, "weights.tza", &f.weights_bytes);
+
+            f.weights = model;
+            f.features = rows[i].features;
+            for (k = 0; k < COUNT(contents); k++) {
+                f.content = contents[k];
+                if (!CHECK(same(&f, images)))
+                    printf("  %s\n", rows[i].test);
+            }
+            free(model);
+        }
+        free_images(images);
+    }
 }
 
 int main(int argc, char **argv)
@@ -347,6 +389,7 @@ int main(int argc, char **argv)
     RUN(formats_and_strides);
     RUN(in_place);
     RUN(equals_the_reference);
+    RUN(integer_unets);
     if (opencl) {
         oidnReleaseDevice(opencl);
         oidnReleaseDevice(cpu);
