@@ -9,8 +9,9 @@ OIDN_API_NAMESPACE_BEGIN
 
 /* For oidnNewDevice: OpenCL. A graphics processor if there is one that will do, else any device
  * that will; the environment variable LULL_OPENCL_DEVICE numbers one (from 0 on, over all
- * platforms). The kernel-predicting networks, the built-in ones among them, give the same bytes as
- * on the CPU; U-Nets are refused. Images are ordinary memory.
+ * platforms). Integer networks, the built-in ones among them, give the same bytes as on the CPU;
+ * those in floating point are refused by the filter's commit, with
+ * OIDN_ERROR_UNSUPPORTED_HARDWARE. Images are ordinary memory.
  *
  * Errors: OIDN_ERROR_UNSUPPORTED_HARDWARE if there is no OpenCL library or no device that will do;
  * nothing else loads the library. The device's commit compiles the kernels.
