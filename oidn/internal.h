@@ -212,7 +212,7 @@ struct lull_engine {
                        lull_fault *fault);
 };
 
-/* The engine of LULL_DEVICE_TYPE_OPENCL (opencl/device.c), where the build has it; NULL: a fault. */
+/* The engine of OpenCL devices (opencl/device.c), where the build has it; NULL: a fault. */
 lull_engine *lull_opencl_open(lull_fault *fault);
 
 /* ---- Objects --------------------------------------------------------------------------------- */

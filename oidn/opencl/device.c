@@ -170,14 +170,14 @@ static bool fail_build(lull_opencl *cl, int32_t error, lull_fault *fault)
                      (int)error, log);
 }
 
-static bool build(lull_engine *engine, lull_fault *fault)
+/* Context, queue, program and kernels. */
+static bool make_kernels(lull_opencl *cl, lull_fault *fault)
 {
     static const char *const names[] = {
 #define NAME(name) #name,
         LULL_CL_KERNELS(NAME)
 #undef NAME
     };
-    lull_opencl *cl = (lull_opencl *)engine;
     const char *source = lull_opencl_source;
     int32_t error;
     unsigned i;
@@ -204,24 +204,41 @@ static bool build(lull_engine *engine, lull_fault *fault)
     return true;
 }
 
-/* In a forked child nothing is released: the driver's threads are the parent's. */
-static void close_engine(lull_engine *engine)
+/* What make_kernels has made. In a forked child nothing is released: the driver's threads are the
+ * parent's. */
+static void release(lull_opencl *cl)
 {
-    lull_opencl *cl = (lull_opencl *)engine;
     unsigned i;
 
-    if (cl->process == lull_process_id()) {
-        for (i = 0; i < LULL_CL_KERNEL_COUNT; i++)
-            if (cl->kernel[i])
-                cl->api.clReleaseKernel(cl->kernel[i]);
-        if (cl->program)
-            cl->api.clReleaseProgram(cl->program);
-        if (cl->queue)
-            cl->api.clReleaseCommandQueue(cl->queue);
-        if (cl->context)
-            cl->api.clReleaseContext(cl->context);
-    }
-    lull_os_free(cl);
+    if (cl->process != lull_process_id())
+        return;
+    for (i = 0; i < LULL_CL_KERNEL_COUNT; i++)
+        if (cl->kernel[i])
+            cl->api.clReleaseKernel(cl->kernel[i]);
+    if (cl->program)
+        cl->api.clReleaseProgram(cl->program);
+    if (cl->queue)
+        cl->api.clReleaseCommandQueue(cl->queue);
+    if (cl->context)
+        cl->api.clReleaseContext(cl->context);
+    memset(cl->kernel, 0, sizeof cl->kernel);
+    cl->program = NULL;
+    cl->queue = NULL;
+    cl->context = NULL;
+}
+
+static bool build(lull_engine *engine, lull_fault *fault)
+{
+    lull_opencl *cl = (lull_opencl *)engine;
+
+    release(cl); /* of a commit that failed */
+    return make_kernels(cl, fault);
+}
+
+static void close_engine(lull_engine *engine)
+{
+    release((lull_opencl *)engine);
+    lull_os_free(engine);
 }
 
 /* ---- Engine ---------------------------------------------------------------------------------- */

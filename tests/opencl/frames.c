@@ -333,7 +333,7 @@ static void equals_the_reference(void)
     free_images(images);
 }
 
-/* Integer U-Nets: wide and narrow layers, auxiliary images of words and of bytes, both topologies. */
+/* Integer U-Nets: wide and narrow layers, auxiliary images of words and of bytes, both nets. */
 static void integer_unets(void)
 {
     static const struct {
