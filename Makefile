@@ -109,6 +109,7 @@ endif
 ifneq ($(findstring memory,$(SAN)),)
 WITH_OPENEXR := 0
 WITH_PNG := 0
+WITH_OPENCL := 0
 OPENEXR_CFLAGS :=
 OPENEXR_LIBS :=
 PNG_CFLAGS :=

@@ -232,7 +232,7 @@ static bool build(lull_engine *engine, lull_fault *fault)
     lull_opencl *cl = (lull_opencl *)engine;
 
     release(cl); /* of a commit that failed */
-    return make_kernels(cl, fault);
+    return make_kernels(cl, fault) && lull_cl_probe_device(cl, fault);
 }
 
 static void close_engine(lull_engine *engine)

@@ -39,6 +39,10 @@ typedef struct lull_opencl {
 /* Error of an OpenCL function; returns whether there is none. */
 bool lull_cl_check(lull_fault *fault, int32_t error, const char *what);
 
+/* False and a fault if the device, whose program is built, gives other bits than it should
+ * (probe.c). */
+bool lull_cl_probe_device(lull_opencl *cl, lull_fault *fault);
+
 /* ---- Schedules (schedule.c) ----------------------------------------------------------- */
 
 /* Tensors beside the graph's: images as the host loads and stores them, and what one kernel leaves
@@ -83,7 +87,7 @@ typedef struct lull_cl_schedule {
     lull_cl_step step[LULL_CL_STEPS];
     lull_cl_tensor tensor[LULL_CL_TENSORS];
     struct {
-        size_t bytes, before; /* of the whole tensor, and of what is before pixel (0, 0) */
+        uint64_t bytes, before; /* of the whole tensor, and of what is before pixel (0, 0) */
     } extent[LULL_CL_TENSORS];
 } lull_cl_schedule;
 

@@ -344,8 +344,9 @@ static bool with_tensors(run *r, unsigned first, unsigned second, unsigned rows,
             continue;
         mapped[i] = api->clEnqueueMapBuffer(
             r->plan->cl->queue, r->plan->memory, 1, flags,
-            (size_t)s->tensor[tensors[i]].at * LULL_CL_UNIT - s->extent[tensors[i]].before,
-            s->extent[tensors[i]].bytes, 0, NULL, NULL, &error);
+            (size_t)(s->tensor[tensors[i]].at * (uint64_t)LULL_CL_UNIT -
+                     s->extent[tensors[i]].before),
+            (size_t)s->extent[tensors[i]].bytes, 0, NULL, NULL, &error);
         if (error != CL_SUCCESS)
             continue;
         r->tensor[i] = (uint8_t)tensors[i];

@@ -120,9 +120,10 @@ static void place_tensors(lull_cl_schedule *s)
         find_life(s, t, &p->first, &p->last);
         if (p->first > s->steps)
             continue;
-        s->extent[t].bytes = pitch * (size_t)(of.height + 2 * of.border);
-        s->extent[t].before = (size_t)of.border * pitch + left;
-        find_place(p, lull_align_up(s->extent[t].bytes, LULL_CL_UNIT), places, count++);
+        s->extent[t].bytes = (uint64_t)pitch * (uint64_t)(of.height + 2 * of.border);
+        s->extent[t].before = (uint64_t)of.border * pitch + left;
+        find_place(p, (s->extent[t].bytes + LULL_CL_UNIT - 1) / LULL_CL_UNIT * LULL_CL_UNIT, places,
+                   count++);
         s->tensor[t].at = (uint32_t)((p->begin + s->extent[t].before) / LULL_CL_UNIT);
         s->tensor[t].pitch = (uint32_t)pitch;
         s->tensor[t].pixel = of.pixel;
