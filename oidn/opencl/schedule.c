@@ -220,7 +220,43 @@ static void add_conv(lull_cl_schedule *s, unsigned l)
               (args->outputs + LULL_CL_BLOCK - 1) / LULL_CL_BLOCK);
 }
 
-/* A layer of the filter. Heads' codes are counted from the first one that its layer has. */
+/* What the kernel of a layer of the filter reads. */
+static void filter_sources(uint8_t sources[LULL_CL_SOURCES], const lull_cl_schedule *s, unsigned l)
+{
+    const lull_layer *layer = &s->graph->layer[l];
+
+    memcpy(sources, layer->source, LULL_MAX_SOURCES);
+    sources[3] = CL_NONE;
+    if (layer->op == LULL_OP_SMOOTH && !(s->flags & LULL_CL_ALBEDO))
+        sources[0] = CL_NONE;
+    if (layer->op == LULL_OP_BILATERAL || layer->op == LULL_OP_CORRECT ||
+        (layer->op == LULL_OP_FILTER && lull_graph_has_noise(s->graph, l + 1)))
+        sources[2] = LULL_CL_NOISE_CODES;
+    if (layer->op == LULL_OP_RESIDUAL) {
+        sources[2] = (uint8_t)lull_graph_find(s->graph, LULL_OP_SMOOTH, 0);
+        sources[3] = LULL_CL_NOISE_CODES;
+    }
+    if (layer->op == LULL_OP_CORRECT)
+        sources[1] = LULL_CL_GAINS;
+}
+
+/* The first of a head's codes that a layer of the filter reads; heads may begin with a later one
+ * than the first. */
+static uint32_t first_code(const lull_graph *graph, const lull_layer *layer)
+{
+    switch (layer->op) {
+    case LULL_OP_SMOOTH:
+        return LULL_HEAD_ALBEDO - graph->layer[layer->source[1] - 1].first;
+    case LULL_OP_DEMODULATE:
+        return LULL_HEAD_CONFIDENCE - graph->layer[layer->source[2] - 1].first;
+    case LULL_OP_POOL:
+        return LULL_HEAD_CONFIDENCE;
+    default:
+        return LULL_HEAD_BLEND;
+    }
+}
+
+/* A layer of the filter. */
 static void add_layer(lull_cl_schedule *s, unsigned l)
 {
     static const uint8_t kernels[] = {[LULL_OP_SMOOTH] = LULL_CL_smooth,
@@ -231,50 +267,30 @@ static void add_layer(lull_cl_schedule *s, unsigned l)
                                       [LULL_OP_BILATERAL] = LULL_CL_bilateral,
                                       [LULL_OP_RESIDUAL] = LULL_CL_residual,
                                       [LULL_OP_CORRECT] = LULL_CL_correct};
-    const lull_graph *graph = s->graph;
-    const lull_layer *layer = &graph->layer[l];
-    const unsigned even = lull_graph_find(graph, LULL_OP_SMOOTH, 0);
-    uint8_t sources[LULL_CL_SOURCES] = {layer->source[0], layer->source[1], layer->source[2],
-                                        CL_NONE};
+    const lull_layer *layer = &s->graph->layer[l];
+    const uint8_t sums[LULL_CL_SOURCES] = {layer->source[1], CL_NONE, CL_NONE, CL_NONE};
+    uint8_t sources[LULL_CL_SOURCES];
+    lull_cl_filter *args;
     lull_cl_step *step;
 
-    if (layer->op == LULL_OP_SMOOTH && !(s->flags & LULL_CL_ALBEDO))
-        sources[0] = CL_NONE;
-    if (layer->op == LULL_OP_FILTER && lull_graph_has_noise(graph, l + 1))
-        sources[2] = LULL_CL_NOISE_CODES;
-    if (layer->op == LULL_OP_BILATERAL || layer->op == LULL_OP_CORRECT)
-        sources[2] = LULL_CL_NOISE_CODES;
-    if (layer->op == LULL_OP_RESIDUAL) {
-        sources[2] = (uint8_t)even;
-        sources[3] = LULL_CL_NOISE_CODES;
-    }
-    if (layer->op == LULL_OP_CORRECT) {
-        const uint8_t sums[LULL_CL_SOURCES] = {layer->source[1], CL_NONE, CL_NONE, CL_NONE};
-
+    if (layer->op == LULL_OP_CORRECT)
         add_filter(s, LULL_CL_gains, LULL_CL_GAINS, LULL_CELL_LEVEL, sums);
-        sources[1] = LULL_CL_GAINS;
-    }
+    filter_sources(sources, s, l);
     step = add_filter(s, kernels[layer->op], l + 1, layer->level, sources);
-    if (layer->op == LULL_OP_SMOOTH)
-        step->args.filter.code = LULL_HEAD_ALBEDO - graph->layer[sources[1] - 1].first;
-    if (layer->op == LULL_OP_DEMODULATE)
-        step->args.filter.code = LULL_HEAD_CONFIDENCE - graph->layer[sources[2] - 1].first;
-    if (layer->op == LULL_OP_POOL)
-        step->args.filter.code = LULL_HEAD_CONFIDENCE;
-    if (layer->op == LULL_OP_FILTER) {
-        step->args.filter.code = LULL_HEAD_BLEND;
-        step->args.filter.flags |= sources[2] == LULL_CL_NOISE_CODES ? LULL_CL_NOISE : 0;
-    }
-    if (layer->op == LULL_OP_BLEND) {
-        step->args.filter.inside_width = inside(s->width, layer->level + 1u);
-        step->args.filter.inside_height = inside(s->height, layer->level + 1u);
-    }
+    args = &step->args.filter;
+    args->code = first_code(s->graph, layer);
+    if (layer->op == LULL_OP_FILTER && sources[2] == LULL_CL_NOISE_CODES)
+        args->flags |= LULL_CL_NOISE;
     if (layer->op == LULL_OP_BILATERAL && lull_graph_is_far(layer))
-        step->args.filter.flags |= LULL_CL_FAR;
-    if (layer->op == LULL_OP_RESIDUAL) {
-        step->args.filter.inside_width = s->width;
-        step->args.filter.inside_height = s->height;
-        set_items(step, padded(s->width, 0), padded(s->height, LULL_CELL_LEVEL), 1);
+        args->flags |= LULL_CL_FAR;
+    if (layer->op == LULL_OP_BLEND) { /* what there is of the coarser level */
+        args->inside_width = inside(s->width, layer->level + 1u);
+        args->inside_height = inside(s->height, layer->level + 1u);
+    }
+    if (layer->op == LULL_OP_RESIDUAL) { /* a work item for each column of pixels */
+        args->inside_width = s->width;
+        args->inside_height = s->height;
+        set_items(step, padded(s->width, 0), args->height, 1);
     }
 }
 
