@@ -139,5 +139,14 @@ else
     skip meson "optional: meson or ninja is not installed"
 fi
 
+# ---- make uninstall ----------------------------------------------------------------------------
+touch "$tree/lib/of-somebody-else"
+try "make uninstall" "${MAKE:-make}" -C "$root" --no-print-directory uninstall BUILD="$build" \
+    DESTDIR="$work/stage" prefix="$prefix"
+left=$(find "$work/stage" ! -type d)
+if [ "$left" = "$tree/lib/of-somebody-else" ]; then ok; else bad "uninstall left: $left"; fi
+try "uninstall twice" "${MAKE:-make}" -C "$root" --no-print-directory uninstall BUILD="$build" \
+    DESTDIR="$work/stage" prefix="$prefix"
+
 echo "$passed passed, $failed failed, $skipped skipped"
 [ "$failed" = 0 ]
