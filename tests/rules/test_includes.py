@@ -24,6 +24,7 @@ LIB = {
     "curves": {"kernels"},
     "exposure": {"image", "transfer", "kernels"},
     "cpu": {"ports"},
+    "difference": {"image", "transfer"},
     "winograd": set(),
     "patches": set(),
     "bilateral": set(),
