@@ -107,7 +107,7 @@ OPTIONS = [
     *(
         f"{name} {value}"
         for name in ("-q", "--quality")
-        for value in ("default", "h", "high", "b", "balanced", "f", "fast")
+        for value in ("default", "h", "high", "b", "balanced", "f", "fast", "auto")
     ),
     "-n 2",
     "--threads 1",
