@@ -10,16 +10,16 @@
 
 #include <string.h>
 
-#define WINDOW 64u  /* columns and rows of a window */
-#define GRID 16u    /* windows begin at multiples of it, where the networks' coarsest pixels do */
-#define SPACE 320u  /* about one window in so many columns and rows: 4 % of the pixels */
-#define MOST 8u     /* windows side by side; more would tell no more */
-#define FEWEST 4u   /* windows in a frame: fewer tell too little */
-#define LARGEST 10u /* part of the frame that the windows may be, as a fraction: more costs more */
+#define WINDOW 48u /* columns and rows of a window */
+#define GRID 16u   /* windows begin at multiples of it, where the networks' coarsest pixels do */
+#define SPACE 240u /* about one window in so many columns and rows: 4 % of the pixels */
+#define MOST 8u    /* windows side by side; more would tell no more */
+#define FEWEST 4u  /* windows in a frame: fewer would tell too little */
+#define TIMES 10u  /* a frame has at least so many times their pixels: else they cost too much */
 
-/* Models agree if their results differ by less than half a per cent from black to white: root mean
- * square, 46 dB. docs/models.md has what that costs. */
-#define AGREEMENT (LULL_DISPLAY_WHITE / 200)
+/* Models agree if their results differ by fewer display codes, root mean square: 0.4 % of white, or
+ * 48 dB. docs/models.md has what that costs. */
+#define AGREEMENT (LULL_DISPLAY_WHITE / 250)
 
 /* Bytes of a model's result for a window. */
 #define RESULT_BYTES (sizeof(float) * 3 * WINDOW * WINDOW)
@@ -41,13 +41,12 @@ static unsigned count_windows(const lull_frame *frame)
     return windows_along(frame->width) * windows_along(frame->height);
 }
 
-/* Whether sampling would cost more than it saves, or tell too little. */
 static bool is_small(const lull_frame *frame)
 {
+    const uint64_t pixels = (uint64_t)frame->width * frame->height;
     const unsigned n = count_windows(frame);
 
-    return n < FEWEST || (uint64_t)n * WINDOW * WINDOW * LARGEST >
-                             (uint64_t)frame->width * frame->height;
+    return n < FEWEST || pixels < (uint64_t)TIMES * n * WINDOW * WINDOW;
 }
 
 /* Whether differences that add up to `sum` over all windows are small enough. */
@@ -85,7 +84,7 @@ static lull_image crop(const lull_image *image, unsigned x, unsigned y)
 
 /* ---- The ladder, at commits ------------------------------------------------------------------ */
 
-/* Adds the built-in model of a quality, if it is another one and takes the images of the largest. */
+/* Adds the built-in model of a quality, if it is one more and takes the images of the largest. */
 static bool add_rung(lull_ladder *ladder, OIDNFilter filter, OIDNQuality quality,
                      const lull_frame *frame, const lull_model *largest, lull_fault *fault)
 {
@@ -106,7 +105,6 @@ static bool add_rung(lull_ladder *ladder, OIDNFilter filter, OIDNQuality quality
     return true;
 }
 
-/* Bytes of the largest of all models' plans; 0 if one of them has none. */
 size_t lull_ladder_plan_size(const lull_ladder *ladder, const lull_frame *frame)
 {
     size_t most = 0;
@@ -232,7 +230,7 @@ static lull_status choose(climb *c, const lull_images *images, unsigned *rung)
     const lull_frame *frame = &c->filter->frame;
     const unsigned across = windows_along(frame->width), n = count_windows(frame);
     uint64_t sums[LULL_RUNGS] = {0};
-    unsigned i, agreeing = 1;
+    unsigned i, first = 0, agreeing = 1;
 
     c->part = SAMPLE_PART / (n * ladder->rungs);
     for (i = 0; i < n && agreeing; i++) {
@@ -250,8 +248,9 @@ static lull_status choose(climb *c, const lull_images *images, unsigned *rung)
         if (status != LULL_OK)
             return status;
     }
-    for (*rung = 0; *rung + 1 < ladder->rungs && !agrees(sums[*rung], frame);)
-        ++*rung;
+    while (first + 1 < ladder->rungs && !agrees(sums[first], frame))
+        first++;
+    *rung = first;
     return LULL_OK;
 }
 

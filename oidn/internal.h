@@ -237,8 +237,8 @@ typedef struct lull_image_param {
 
 enum { LULL_COLOR, LULL_ALBEDO, LULL_NORMAL, LULL_OUTPUT, LULL_IMAGES };
 
-/* Models that quality `auto` chooses from, from the smallest to the largest, and the memory in which
- * it samples a frame (auto.c). */
+/* Models that quality `auto` chooses from, from the smallest to the largest, and the memory that it
+ * samples a frame in (auto.c). */
 #define LULL_RUNGS 3
 
 typedef struct lull_ladder {

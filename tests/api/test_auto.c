@@ -18,7 +18,7 @@
 #define AUTO LULL_QUALITY_AUTO
 
 /* Not many pixels more than the smallest frame that is sampled. */
-enum { W = 491, H = 484, VALUES = 3 * W * H };
+enum { W = 371, H = 366, VALUES = 3 * W * H };
 
 static float color[VALUES], albedo[VALUES], normal[VALUES], result[VALUES], expected[VALUES];
 

@@ -221,7 +221,7 @@ static void executions_allocate_nothing(void)
 /* Quality `auto`: a frame that is sampled, denoised by one model and then by another. */
 static void auto_allocates_at_commits(void)
 {
-    enum { SIZE = 481 };
+    enum { SIZE = 361 };
     static float image[3 * SIZE * SIZE];
     OIDNDevice device;
     OIDNFilter filter;
