@@ -1,5 +1,6 @@
 /* Quality `auto`: which model a frame gets, and that the frame then is what that model makes of it.
  * Open Image Denoise has nothing like it, so all of this is skipped there. */
+#define _GNU_SOURCE /* setenv */
 #include "api.h"
 
 #include "OpenImageDenoise/lull_quality.h"
