@@ -4,7 +4,7 @@
 #   make demo           denoises demo/ and says what it did
 #   make train-demo     from nothing to a denoiser: scenes, training, export, check (half an hour)
 #   make check          every test (as root it installs the Debian packages that they need)
-#   make install        DESTDIR= prefix=/usr/local libdir= includedir= ...
+#   make install        DESTDIR= prefix=/usr/local libdir= includedir= ... (uninstall: the same settings)
 #   make conform        every port of this CPU against the scalar one, and its speed
 #   make peer           outputs beside the real Open Image Denoise (Python package pyoidn)
 #   make peer-test      its own test program and clients on our library, also sanitized
@@ -119,9 +119,7 @@ endif
 # ---- Flags ---------------------------------------------------------------------------------------
 
 WARNINGS := -Wall -Wextra -Wundef -Wshadow -Wvla -Wstrict-prototypes -Wmissing-prototypes
-ifneq ($(WERROR),0)
-WARNINGS += -Werror
-endif
+STRICT := $(if $(filter 0,$(WERROR)),,-Werror) # not one of the settings: objects are the same without it
 ifneq ($(SAN),)
 SAN_FLAGS := -fsanitize=$(SAN) -fno-sanitize-recover=all -fno-omit-frame-pointer -g
 endif
@@ -221,7 +219,7 @@ $(BUILD)/tests.txt: FORCE
 
 # ---- Compiling -----------------------------------------------------------------------------------
 
-compile = $(CC) $(BASE_FLAGS) $(FLAGS) $(CFLAGS) -MMD -MP -c -o $@ $<
+compile = $(CC) $(BASE_FLAGS) $(STRICT) $(FLAGS) $(CFLAGS) -MMD -MP -c -o $@ $<
 ifeq ($(V),1)
 say =
 else
@@ -256,7 +254,7 @@ $(BUILD)/gen/weights.c: $(BUILD)/host/embed $(wildcard weights/*.tza)
 
 $(BUILD)/obj/weights.o: $(BUILD)/gen/weights.c $(BUILD)/settings.txt
 	@mkdir -p $(@D)
-	$(call say,CC,$<)$(CC) $(BASE_FLAGS) $(CFLAGS) -Iweights -Ilib -MMD -MP -c -o $@ $<
+	$(call say,CC,$<)$(CC) $(BASE_FLAGS) $(STRICT) $(CFLAGS) -Iweights -Ilib -MMD -MP -c -o $@ $<
 
 # ---- The program for OpenCL devices --------------------------------------------------------------
 
@@ -397,7 +395,7 @@ FILL = sed -e 's|@PREFIX@|$(prefix)|g' -e 's|@LIBDIR@|$(libdir)|g' -e 's|@INCLUD
 TEMPLATES := $(wildcard oidn/packaging/*.in)
 MAN_PAGES := $(wildcard apps/man/*.1)
 
-.PHONY: install
+.PHONY: install uninstall
 install: all
 	$(INSTALL) -d '$(DESTDIR)$(bindir)' '$(DESTDIR)$(libdir)/pkgconfig' \
 	    '$(DESTDIR)$(includedir)/OpenImageDenoise' '$(DESTDIR)$(cmakedir)' '$(DESTDIR)$(mandir)/man1'
@@ -412,6 +410,18 @@ install: all
 	    case $$name in *.pc) to='$(libdir)/pkgconfig' ;; *) to='$(cmakedir)' ;; esac; \
 	    $(FILL) $$t >'$(DESTDIR)'$$to/$$name; chmod 644 '$(DESTDIR)'$$to/$$name; done
 	$(if $(MAN_PAGES),$(INSTALL) -m 644 $(MAN_PAGES) '$(DESTDIR)$(mandir)/man1')
+
+# What install has put there, and the folders that are its own.
+taken = $(foreach f,$(2),'$(DESTDIR)$(1)/$(notdir $(f))')
+uninstall:
+	rm -f $(call taken,$(bindir),$(PROGRAMS)) $(call taken,$(includedir),lull.h) \
+	    $(call taken,$(includedir)/OpenImageDenoise,$(wildcard oidn/include/OpenImageDenoise/*)) \
+	    $(call taken,$(libdir),$(LIBLULL) $(LIBOIDN) $(SONAME) $(SOLINK)) \
+	    $(call taken,$(libdir)/pkgconfig,$(patsubst %.in,%,$(filter %.pc.in,$(TEMPLATES)))) \
+	    $(call taken,$(cmakedir),$(patsubst %.in,%,$(filter %.cmake.in,$(TEMPLATES)))) \
+	    $(call taken,$(mandir)/man1,$(MAN_PAGES))
+	for d in '$(DESTDIR)$(cmakedir)' '$(DESTDIR)$(includedir)/OpenImageDenoise'; do \
+	    [ ! -d "$$d" ] || rmdir "$$d" || exit 1; done
 
 clean:
 	rm -rf $(BUILD)

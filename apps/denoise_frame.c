@@ -308,6 +308,16 @@ static exit_code verify(frame_job *job, comparison *result)
     return report_error(EXIT_DENOISE, "output does not match the reference");
 }
 
+/* Says what quality `auto` came to. */
+static void report_quality(const frame_job *job)
+{
+    const char *used = device_used_quality(job->session->filter);
+    if (job->settings->quality != LULL_QUALITY_AUTO)
+        return;
+    report_line("  quality=%s\n", used);
+    json_text(job->session->report, "quality", used);
+}
+
 /* One repetition with its result line; *hash is that of the first one afterwards. */
 static exit_code run_once(frame_job *job, int run, uint32_t *hash)
 {
@@ -328,6 +338,7 @@ static exit_code run_once(frame_job *job, int run, uint32_t *hash)
     json_open(report, NULL, '{');
     json_number(report, "msec", 1000 * seconds);
     json_text(report, "hash", text);
+    report_quality(job);
     json_close(report, '}');
     if (run && mine != *hash) {
         save_debug_images(job);

@@ -127,8 +127,8 @@ static const option table[] = {
 
     HEADING("denoising"),
     TEXT("f filter", filter, "RT|RTLightmap", "filter (RT)"),
-    WORD("q quality", quality, device_qualities, "default|h|high|b|balanced|f|fast",
-         "quality (high)"),
+    WORD("q quality", quality, device_qualities, "default|h|high|b|balanced|f|fast|auto",
+         "quality (high); auto: the least that the image needs"),
     FLOAT("is input_scale input-scale inputScale inputscale", input_scale, "X",
           "scale of the colour (chosen from the image)"),
     WORD("t type", type, device_types, "float|half", "values in memory (as in the file)"),

@@ -26,6 +26,7 @@ const option_word device_qualities[] = {
     {"high h", OIDN_QUALITY_HIGH},
     {"balanced b", OIDN_QUALITY_BALANCED},
     {"fast f", OIDN_QUALITY_FAST},
+    {"auto", LULL_QUALITY_AUTO},
     {NULL, 0},
 };
 
@@ -98,6 +99,13 @@ static const char *type_name(int type)
 const char *device_type_name(OIDNDevice device)
 {
     return type_name(oidnGetDeviceInt(device, "type"));
+}
+
+const char *device_used_quality(OIDNFilter filter)
+{
+    const int quality = oidnGetFilterInt(filter, "usedQuality");
+    return quality == OIDN_QUALITY_FAST ? "fast" : quality == OIDN_QUALITY_BALANCED ? "balanced"
+                                                                                    : "high";
 }
 
 static void print_bytes(int id, const char *label, const char *supported, const char *name)

@@ -3,6 +3,7 @@
 #define LULL_APPS_DEVICE_H
 
 #include <OpenImageDenoise/lull_device.h>
+#include <OpenImageDenoise/lull_quality.h>
 
 #include "imageio.h"
 #include "options.h"
@@ -21,7 +22,7 @@ device_settings device_settings_default(void);
  * valid. */
 int device_parse(device_settings *settings, const char *text);
 
-extern const option_word device_qualities[]; /* OIDNQuality */
+extern const option_word device_qualities[]; /* OIDNQuality, or LULL_QUALITY_AUTO */
 extern const option_word device_types[];     /* image_type: what float and half are called */
 
 /* A committed device. NULL: the error is reported (report.h). */
@@ -30,6 +31,9 @@ OIDNDevice device_open(const device_settings *settings);
 /* "2.5.1" of a device, and the name of its type. */
 const char *device_version(OIDNDevice device, char text[32]);
 const char *device_type_name(OIDNDevice device);
+
+/* Name of the quality that the latest execution of a filter took. */
+const char *device_used_quality(OIDNFilter filter);
 
 /* Prints the physical devices as Open Image Denoise's programs do. */
 void device_print_list(void);

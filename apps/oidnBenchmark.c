@@ -359,7 +359,7 @@ static const option table[] = {
     {OPTION_CALL, "s size", 0, 0, 0, NULL, set_size, 2, "W H", "another image size"},
     {OPTION_WORD, "t type", AT(type), 0, 0, device_types, NULL, 1, "float|half", "values (float)"},
     {OPTION_WORD, "q quality", AT(quality), 0, 0, device_qualities, NULL, 1,
-     "default|h|high|b|balanced|f|fast", "quality (high)"},
+     "default|h|high|b|balanced|f|fast|auto", "quality (high)"},
     {OPTION_TEXT, "w weights", AT(weights), 0, 0, NULL, NULL, 1, "FILE.tza",
      "network weights (the built-in ones)"},
     {OPTION_CALL, "d dev device", 0, 0, 0, NULL, set_device, 1,

@@ -247,7 +247,7 @@ static void exposure_task(void *context, unsigned index, unsigned worker)
                           plan->frame.height, index, plan->model->kernels.luminance);
 }
 
-float lull_exec_scale(lull_task *t, const lull_host *host)
+static float choose_scale(lull_task *t, const lull_host *host)
 {
     lull_plan *plan = t->plan;
     unsigned rows = lull_exposure_rows(plan->frame.height);
@@ -259,22 +259,35 @@ float lull_exec_scale(lull_task *t, const lull_host *host)
     return lull_exposure_scale(exposure_rows(plan), rows);
 }
 
+/* Checks what a run is given; of an empty frame no image is needed. */
+static lull_status begin(lull_task *t, lull_plan *plan, const lull_images *images)
+{
+    if (!plan || !images)
+        return LULL_ERROR_ARGUMENT;
+    t->plan = plan;
+    t->images = images;
+    return plan->frame.width && plan->frame.height ? check_images(plan, images) : LULL_OK;
+}
+
+lull_status lull_choose_scale(float *scale, lull_plan *plan, const lull_images *images,
+                              const lull_host *host)
+{
+    lull_task t = {0};
+    lull_status status = scale ? begin(&t, plan, images) : LULL_ERROR_ARGUMENT;
+    if (status == LULL_OK)
+        *scale = choose_scale(&t, host);
+    return status;
+}
+
 lull_status lull_run(lull_plan *plan, const lull_images *images, const lull_host *host)
 {
     lull_task t = {0};
-    lull_status status;
-    if (!plan || !images)
-        return LULL_ERROR_ARGUMENT;
-    if (!plan->frame.width || !plan->frame.height)
-        return LULL_OK;
-    status = check_images(plan, images);
-    if (status != LULL_OK)
+    lull_status status = begin(&t, plan, images);
+    if (status != LULL_OK || !plan->frame.width || !plan->frame.height)
         return status;
-    t.plan = plan;
-    t.images = images;
     if (host && host->progress && !host->progress(host->user, 0.0))
         return LULL_CANCELLED;
-    plan->scale = lull_exec_scale(&t, host);
+    plan->scale = choose_scale(&t, host);
     for (unsigned strip = 0; strip < plan->strips; strip++) {
         begin_strip(plan, &t, strip);
         while (plan->stored < plan->frame.height) {

@@ -119,9 +119,6 @@ const float *lull_exec_aux(const lull_task *t, unsigned feature, float *block, u
  * K. */
 void lull_exec_finish(float *v, const lull_plan *plan, unsigned channels, unsigned n);
 
-/* The scale of a run: as the images ask for, or chosen. */
-float lull_exec_scale(lull_task *t, const lull_host *host);
-
 /* Radiance of n pixels, at most LULL_BLOCK, from column x on of row y of the frame; it may be
  * brought to `block`. */
 void lull_exec_radiance(lull_encoding *from, const lull_task *t, float *block, unsigned x,

@@ -202,7 +202,8 @@ typedef struct lull_images {
     lull_image color, albedo, normal; /* inputs, linear (but see LULL_SRGB); normals in [-1,1] */
     lull_image output;                /* as many channels as the main image */
     float input_scale; /* factor that brings the main image to the range the network knows; NaN:
-                        * auto- exposure for LULL_HDR, else 1. The output is divided by it again. */
+                        * auto-exposure for LULL_HDR and LULL_LIGHTMAP_HDR, else 1. The output is
+                        * divided by it again. */
 } lull_images;
 
 /* What the host lends to a run; every member may be NULL. */
@@ -223,6 +224,13 @@ typedef struct lull_host {
  * image's 16x16 bins (Open Image Denoise's auto-exposure); 1 for a black image, 0 if it overflows.
  */
 float lull_autoexposure(const lull_image *color, unsigned width, unsigned height);
+
+/* *scale: the one that lull_run would use for these images, which is input_scale or, where that is
+ * NaN and the frame is HDR, what auto-exposure makes of the whole colour image. For hosts that
+ * denoise parts of a frame, or one frame several times: as the input_scale of each, it gives all of
+ * them what the whole would have got. Asks for no progress. Errors: ARGUMENT, IMAGE. */
+lull_status lull_choose_scale(float *scale, lull_plan *plan, const lull_images *images,
+                              const lull_host *host);
 
 /* Denoises a frame. Sanitises NaN, infinities and out-of-range values as the content demands.
  * Errors: ARGUMENT, IMAGE, CANCELLED (the output is then undefined, but only inside its pixels). */

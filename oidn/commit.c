@@ -125,6 +125,8 @@ void lull_filter_free_plan(OIDNFilter filter)
         filter->device->engine->free_plan(filter->engine_plan);
     lull_os_free(filter->plan_memory);
     lull_os_free(filter->stage);
+    lull_os_free(filter->ladder.memory);
+    memset(&filter->ladder, 0, sizeof filter->ladder);
     filter->engine_plan = NULL;
     filter->plan_memory = NULL;
     filter->plan = NULL;
@@ -175,38 +177,15 @@ static bool set_limits(OIDNFilter filter, const lull_model *model, size_t fixed,
     return true;
 }
 
-/* The core's plan. */
-static bool make_core_plan(OIDNFilter filter, const lull_frame *frame, const lull_model *model,
-                           lull_fault *fault)
-{
-    const size_t size = lull_plan_size(frame, model);
-    const size_t bytes = size ? size : FAILED_PLAN;
-    lull_status status;
-
-    filter->plan_memory = lull_os_alloc(bytes);
-    if (!filter->plan_memory)
-        return lull_fail(fault, OIDN_ERROR_OUT_OF_MEMORY, "out of memory: plan of %llu bytes",
-                         (unsigned long long)bytes);
-    status = lull_plan_init(&filter->plan, filter->plan_memory, bytes, frame, model);
-    if (status != LULL_OK)
-        filter->plan = NULL;
-    return lull_fail_status(fault, status, "the weights cannot be used with these images");
-}
-
-/* The engine's. */
-static bool make_engine_plan(OIDNFilter filter, const lull_frame *frame, const lull_model *model,
-                             lull_fault *fault)
-{
-    lull_engine *engine = filter->device->engine;
-
-    filter->engine_plan = engine->new_plan(engine, frame, model, fault);
-    return filter->engine_plan != NULL;
-}
-
-static bool make_plan(OIDNFilter filter, const lull_frame *frame, const lull_model *model,
-                      size_t stage_bytes, lull_fault *fault)
+/* Memory for the core's plan, if that is what there will be, and for what goes with it. */
+static bool allocate(OIDNFilter filter, size_t plan_bytes, size_t stage_bytes,
+                     const lull_ladder *ladder, lull_fault *fault)
 {
     lull_filter_free_plan(filter);
+    filter->plan_memory = plan_bytes ? lull_os_alloc(plan_bytes) : NULL;
+    if (plan_bytes && !filter->plan_memory)
+        return lull_fail(fault, OIDN_ERROR_OUT_OF_MEMORY, "out of memory: plan of %llu bytes",
+                         (unsigned long long)plan_bytes);
     if (stage_bytes) {
         filter->stage = lull_os_alloc(stage_bytes);
         if (!filter->stage)
@@ -214,8 +193,60 @@ static bool make_plan(OIDNFilter filter, const lull_frame *frame, const lull_mod
                              "out of memory: output copy of %llu bytes",
                              (unsigned long long)stage_bytes);
     }
-    if (!(filter->device->engine ? make_engine_plan(filter, frame, model, fault)
-                                 : make_core_plan(filter, frame, model, fault)))
+    if (ladder->rungs) {
+        filter->ladder = *ladder;
+        filter->ladder.memory = lull_os_alloc(ladder->sample_bytes);
+        if (!filter->ladder.memory)
+            return lull_fail(fault, OIDN_ERROR_OUT_OF_MEMORY,
+                             "out of memory: sample of %llu bytes",
+                             (unsigned long long)ladder->sample_bytes);
+    }
+    return true;
+}
+
+/* The core's plan. */
+static bool make_core_plan(OIDNFilter filter, const lull_frame *frame, const lull_model *model,
+                           size_t stage_bytes, const lull_ladder *ladder, lull_fault *fault)
+{
+    const size_t size = ladder->rungs ? lull_ladder_plan_size(ladder, frame)
+                                      : lull_plan_size(frame, model);
+    const size_t bytes = size ? size : FAILED_PLAN;
+    lull_status status;
+
+    if (!allocate(filter, bytes, stage_bytes, ladder, fault))
+        return false;
+    status = lull_plan_init(&filter->plan, filter->plan_memory, bytes, frame, model);
+    if (status != LULL_OK)
+        filter->plan = NULL;
+    if (!lull_fail_status(fault, status, "the weights cannot be used with these images"))
+        return false;
+    lull_plan_get_info(filter->plan, &filter->plan_info);
+    filter->plan_bytes = bytes;
+    filter->ladder.at = ladder->rungs ? ladder->rungs - 1 : 0;
+    return true;
+}
+
+/* The engine's. */
+static bool make_engine_plan(OIDNFilter filter, const lull_frame *frame, const lull_model *model,
+                             size_t stage_bytes, const lull_ladder *ladder, lull_fault *fault)
+{
+    lull_engine *engine = filter->device->engine;
+
+    if (!allocate(filter, 0, stage_bytes, ladder, fault))
+        return false;
+    filter->engine_plan = engine->new_plan(engine, frame, model, fault);
+    if (!filter->engine_plan)
+        return false;
+    engine->get_info(filter->engine_plan, &filter->plan_info);
+    return true;
+}
+
+static bool make_plan(OIDNFilter filter, const lull_frame *frame, const lull_model *model,
+                      size_t stage_bytes, const lull_ladder *ladder, lull_fault *fault)
+{
+    if (!(filter->device->engine
+              ? make_engine_plan(filter, frame, model, stage_bytes, ladder, fault)
+              : make_core_plan(filter, frame, model, stage_bytes, ladder, fault)))
         return false;
     filter->frame = *frame;
     filter->model = model;
@@ -256,15 +287,12 @@ static void publish_images(OIDNFilter filter)
 
 static void print_summary(OIDNFilter filter, size_t model_bytes)
 {
+    const lull_plan_info plan = filter->plan_info;
+    const lull_ladder *ladder = &filter->ladder;
     lull_model_info model;
-    lull_plan_info plan;
     unsigned i;
 
     lull_model_get_info(filter->model, &model);
-    if (filter->engine_plan)
-        filter->device->engine->get_info(filter->engine_plan, &plan);
-    else
-        lull_plan_get_info(filter->plan, &plan);
     printf("%s filter\n  Inputs :", filter->type == LULL_RT ? "RT" : "RTLightmap");
     for (i = 0; i < LULL_IMAGES; i++)
         if (filter->images[i].set)
@@ -274,16 +302,19 @@ static void print_summary(OIDNFilter filter, size_t model_bytes)
                    i == LULL_OUTPUT || filter->frame.features >> i & 1 ? "" : " (not used)");
     printf("\n  Network: %s, %u inputs, %llu parameters, %s\n", model.network, model.inputs,
            (unsigned long long)model.parameters, model.is_integer ? "int8" : "fp32");
+    if (ladder->rungs)
+        printf("  Quality: auto, this network or one of %u smaller ones\n", ladder->rungs - 1);
     printf("  Image  : %ux%u%s\n", filter->frame.width, filter->frame.height,
            filter->stage            ? ", in place with a copy"
            : filter->frame.in_place ? ", in place"
                                     : "");
     printf("  Strips : %u of %u columns, steps of %u rows\n", plan.strips, plan.strip_width,
            plan.row_step);
-    printf("  Memory : %llu bytes (weights %llu, plan %llu, copy %llu)\n",
-           (unsigned long long)(model_bytes + plan.bytes + filter->stage_bytes),
-           (unsigned long long)model_bytes, (unsigned long long)plan.bytes,
-           (unsigned long long)filter->stage_bytes);
+    printf("  Memory : %llu bytes (weights %llu, plan %llu, copy %llu, sample %llu)\n",
+           (unsigned long long)(model_bytes + filter->plan_bytes + filter->stage_bytes +
+                                ladder->sample_bytes),
+           (unsigned long long)model_bytes, (unsigned long long)filter->plan_bytes,
+           (unsigned long long)filter->stage_bytes, (unsigned long long)ladder->sample_bytes);
     fflush(stdout);
 }
 
@@ -319,6 +350,7 @@ static bool prepare(OIDNFilter filter, bool may_change, bool *busy, lull_fault *
     const lull_image_param *output = &filter->images[LULL_OUTPUT];
     const lull_model *model;
     lull_model_info info;
+    lull_ladder ladder;
     lull_frame frame;
     size_t model_bytes, stage_bytes = 0;
     unsigned features;
@@ -341,14 +373,18 @@ static bool prepare(OIDNFilter filter, bool may_change, bool *busy, lull_fault *
         frame.in_place = 0;
         stage_bytes = output->width * output->height * lull_format_bytes(output->format);
     }
-    if (!set_limits(filter, model, model_bytes + stage_bytes, &frame, fault))
+    if (!lull_ladder_find(&ladder, filter, &frame, model, fault))
+        return false;
+    model_bytes += ladder.weights_bytes;
+    if (!set_limits(filter, model, model_bytes + ladder.sample_bytes + stage_bytes, &frame, fault))
         return false;
     if ((!filter->plan && !filter->engine_plan) || filter->model != model ||
-        filter->stage_bytes != stage_bytes || !same_frame(&filter->frame, &frame)) {
+        filter->stage_bytes != stage_bytes || !same_frame(&filter->frame, &frame) ||
+        !lull_ladder_same(&filter->ladder, &ladder)) {
         *busy = !may_change;
         if (!may_change)
             return true;
-        if (!make_plan(filter, &frame, model, stage_bytes, fault))
+        if (!make_plan(filter, &frame, model, stage_bytes, &ladder, fault))
             return false;
         lull_queue_take_fault(filter->device, fault); /* of earlier work; this commit holds */
     }

@@ -55,6 +55,7 @@ static void run_filter(const lull_job *job, lull_fault *fault)
     run_state state = {job, filter->device->pool, 0};
     lull_host host = {&state, parallel_for, job->progress ? progress : NULL};
     lull_images images = job->images;
+    OIDNQuality quality = job->quality;
     lull_status status;
 
     if (job->progress && !job->progress(job->progress_user, 0)) {
@@ -68,10 +69,13 @@ static void run_filter(const lull_job *job, lull_fault *fault)
     lull_pool_enter(state.pool);
     status = filter->engine_plan
                  ? filter->device->engine->run(filter->engine_plan, &images, &host, fault)
-                 : lull_run(filter->plan, &images, &host);
+             : filter->ladder.rungs ? lull_ladder_run(filter, &images, &host, &quality)
+                                    : lull_run(filter->plan, &images, &host);
     lull_pool_leave(state.pool);
     if (status == LULL_OK && filter->stage)
         copy_stage(&job->images.output, filter->stage, filter->frame.width, filter->frame.height);
+    if (status == LULL_OK)
+        lull_atomic_store(&filter->used, (uint32_t)quality);
     if (status == LULL_OK && job->progress)
         job->progress(job->progress_user, 1);
     lull_fail_status(fault, status, "filter");
@@ -86,6 +90,7 @@ static void run_nothing(const lull_job *job, lull_fault *fault)
 bool lull_filter_make_job(OIDNFilter filter, lull_job *job, lull_fault *fault)
 {
     const uint64_t number = filter->device->queue.tail + 1;
+    const int quality = filter->values[lull_value_quality].i;
     unsigned i;
 
     if (filter->dirty)
@@ -96,6 +101,7 @@ bool lull_filter_make_job(OIDNFilter filter, lull_job *job, lull_fault *fault)
     job->filter = filter;
     lull_atomic_add(&filter->refs, 1);
     job->images = filter->committed;
+    job->quality = quality == LULL_QUALITY_AUTO ? OIDN_QUALITY_HIGH : (OIDNQuality)quality;
     job->progress = filter->progress;
     job->progress_user = filter->progress_user;
     for (i = 0; i < LULL_IMAGES; i++) {

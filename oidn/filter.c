@@ -248,8 +248,10 @@ OIDN_API int oidnGetFilterInt(OIDNFilter filter, const char *name)
     lull_value value = {0};
     lull_call call;
 
-    if (lull_call_begin(&call, device_of(filter)) && check_name(name, &call.fault))
+    if (lull_call_begin(&call, device_of(filter)) && check_name(name, &call.fault)) {
+        filter->values[lull_value_used_quality].i = (int)lull_atomic_load(&filter->used);
         lull_param_get(filter->values, filter->type, name, false, &value, &call.fault);
+    }
     lull_call_end(&call);
     return value.i;
 }

@@ -12,6 +12,7 @@
 #define OpenImageDenoise_EXPORTS
 #endif
 #define OIDN_LEGACY_1X
+#include "include/OpenImageDenoise/lull_quality.h"
 #include "include/OpenImageDenoise/oidn.h"
 #include "include/OpenImageDenoise/lull_device.h"
 
@@ -132,6 +133,7 @@ typedef struct lull_job {
     OIDNFilter filter;     /* executed; held until done */
     OIDNBuffer buffers[4]; /* used; held until done */
     lull_images images;    /* what to denoise */
+    OIDNQuality quality;   /* the filter's; high for `auto`, which may take another one */
     OIDNProgressMonitorFunction progress;
     void *progress_user;
     void *target; /* a copy of `bytes` */
@@ -264,6 +266,23 @@ typedef struct lull_image_param {
 
 enum { LULL_COLOR, LULL_ALBEDO, LULL_NORMAL, LULL_OUTPUT, LULL_IMAGES };
 
+/* Models that quality `auto` chooses from, from the smallest to the largest, and the memory that it
+ * samples a frame in (auto.c). */
+#define LULL_RUNGS 3
+
+typedef struct lull_ladder {
+    struct {
+        OIDNQuality quality;
+        const lull_model *model;
+    } rung[LULL_RUNGS];
+    unsigned rungs;       /* 0: there is nothing to choose */
+    unsigned at;          /* the one that the plan is made for now; used by executions only */
+    size_t weights_bytes; /* of all models but the largest */
+    size_t plan_bytes;    /* of a window, in sample_bytes of memory */
+    size_t sample_bytes;
+    void *memory;
+} lull_ladder;
+
 struct OIDNFilterImpl {
     lull_atomic refs;  /* queued work and handles together */
     lull_atomic users; /* handles */
@@ -279,12 +298,16 @@ struct OIDNFilterImpl {
 
     bool dirty;           /* needs a commit */
     uint64_t last_job;    /* number of the last execution submitted */
+    lull_atomic used;     /* OIDNQuality of the last execution completed */
     lull_weights weights; /* of `weights` */
     lull_plan *plan;      /* NULL: none; made for `frame` and `model` */
     void *plan_memory;
     lull_engine_plan *engine_plan; /* in its place, if the device has an engine */
+    size_t plan_bytes;
+    lull_plan_info plan_info;
     lull_frame frame;
     const lull_model *model;
+    lull_ladder ladder; /* its executions make the plan anew, in the same place */
     void *stage; /* tight output image, if the output overlaps an input other than exactly */
     size_t stage_bytes;
     lull_images committed; /* images as executed */
@@ -356,10 +379,26 @@ bool lull_filter_make_job(OIDNFilter filter, lull_job *job, lull_fault *fault);
 void lull_filter_free_plan(OIDNFilter filter);
 
 /* A built-in model for the frame: loads it into the device's cache, tells its size unpacked, and
- * takes from frame->features the images that it cannot use. INVALID_OPERATION if there is none
- * (builtin.c). */
+ * takes from frame->features the images that it cannot use. Quality `auto` has the model of high
+ * quality. INVALID_OPERATION if there is none (builtin.c). */
 bool lull_builtin_select(OIDNDevice device, lull_frame *frame, bool clean_aux, OIDNQuality quality,
                          const lull_model **model, size_t *bytes, lull_fault *fault);
+
+/* The models that `auto` chooses from for a frame whose largest model is `model`: loads the others,
+ * and says how much memory they and a sample need. ladder->rungs is 0 if the filter's quality is
+ * another one, if it has weights of its own, or if the frame is small. */
+bool lull_ladder_find(lull_ladder *ladder, OIDNFilter filter, const lull_frame *frame,
+                      const lull_model *model, lull_fault *fault);
+
+/* Whether both choose from the same models. */
+bool lull_ladder_same(const lull_ladder *a, const lull_ladder *b);
+
+/* Bytes that hold the plan of any of the models, one at a time; 0 if one of them can have none. */
+size_t lull_ladder_plan_size(const lull_ladder *ladder, const lull_frame *frame);
+
+/* lull_run with the model that the frame needs, for a filter with a ladder. *taken: its quality. */
+lull_status lull_ladder_run(OIDNFilter filter, const lull_images *images, const lull_host *host,
+                            OIDNQuality *taken);
 
 /* Unpacks weights into new memory. */
 bool lull_weights_load(lull_weights *weights, const void *data, size_t bytes, uint32_t ports,

@@ -64,7 +64,7 @@ bool lull_param_set_int(lull_value values[], enum lull_owner owner, const char *
         if (value == OIDN_QUALITY_DEFAULT)
             value = OIDN_QUALITY_HIGH;
         if (value != OIDN_QUALITY_FAST && value != OIDN_QUALITY_BALANCED &&
-            value != OIDN_QUALITY_HIGH)
+            value != OIDN_QUALITY_HIGH && value != LULL_QUALITY_AUTO)
             return lull_fail(fault, OIDN_ERROR_INVALID_ARGUMENT, "unknown filter quality: %d",
                              value);
     }

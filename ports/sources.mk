@@ -37,8 +37,7 @@ PORT_VNNI_SOURCES := ports/x86/port_vnni.c ports/x86/conv_int_vnni.c ports/x86/c
 
 PORT_AMX_ARCH := x86
 PORT_AMX_FLAGS := -mavx512f -mavx512bw -mavx512vl -mavx512dq -mavx512vnni -mamx-tile -mamx-int8 -mfma -mprefer-vector-width=512
-PORT_AMX_SOURCES := ports/x86/port_amx.c ports/x86/conv_int_amx.c \
-                    ports/x86/conv_int_short_amx.c
+PORT_AMX_SOURCES := ports/x86/port_amx.c ports/x86/conv_int_amx.c
 
 PORT_NEON_ARCH := arm64 arm32
 PORT_NEON_FLAGS_arm32 := -mfpu=neon

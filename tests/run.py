@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Runs the tests and counts them. Only the standard library; `make check` prepares what it needs.
 
-    tests/run.py --build build [--only unit,rules] [-k WORD] [--list]
+    tests/run.py --build build [--only unit,rules] [-k WORD] [--jobs N] [--list]
 
 Suites are the folders of tests/. Each may hold C programs (listed in BUILD/tests.txt by make),
 scripts test_*.sh, and pytest files test_*.py. C programs and scripts report with a last line
@@ -17,12 +17,14 @@ exit status is 0 if something passed and nothing failed.
 from __future__ import annotations
 
 import argparse
+import concurrent.futures
 import os
 import re
 import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -33,7 +35,7 @@ COUNTS = re.compile(r"^(\d+) passed, (\d+) failed, (\d+) skipped$")
 SKIP_LINE = re.compile(r"^SKIP ([^:]+): (.*)$", re.MULTILINE)
 SKIPPED = 77  # exit status of a script that is skipped as a whole
 OPTIONAL = "optional: "
-FIRST = ("rules", "unit")  # quick and telling; the others follow by name
+FIRST = ("rules", "unit", "training")  # telling, and what takes longest; the others follow by name
 
 
 @dataclass
@@ -84,23 +86,52 @@ def suite_of_programs() -> dict[str, str]:
     return suites
 
 
+class Groups:
+    """The process groups that run, so that all can be stopped."""
+
+    def __init__(self):
+        self.lock = threading.Lock()
+        self.pids: set[int] = set()
+        self.stopped = False
+
+    def start(self, command: list[str], env: dict[str, str]) -> subprocess.Popen:
+        with self.lock:
+            if self.stopped:
+                raise OSError("the tests were stopped")
+            process = subprocess.Popen(command, cwd=ROOT, env=env, stdin=subprocess.DEVNULL,
+                                       stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+                                       errors="replace", start_new_session=True)
+            self.pids.add(process.pid)
+            return process
+
+    def end(self, process: subprocess.Popen) -> None:
+        with self.lock:
+            self.pids.discard(process.pid)
+
+    def stop(self) -> None:
+        with self.lock:
+            self.stopped = True
+            for pid in self.pids:
+                os.killpg(pid, signal.SIGKILL)  # with all that it has started
+
+
+GROUPS = Groups()
+
+
 def run_command(command: list[str], env: dict[str, str], limit: float) -> tuple[int, str]:
     """Exit status (-1: past the time limit) and everything printed."""
     try:
-        process = subprocess.Popen(command, cwd=ROOT, env=env, stdin=subprocess.DEVNULL,
-                                   stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-                                   errors="replace", start_new_session=True)
+        process = GROUPS.start(command, env)
     except OSError as error:
         return -1, f"cannot run {command[0]}: {error}"
     try:
         output, _ = process.communicate(timeout=limit)
     except subprocess.TimeoutExpired:
-        os.killpg(process.pid, signal.SIGKILL)  # with all that it has started
+        os.killpg(process.pid, signal.SIGKILL)
         output, _ = process.communicate()
         return -1, f"{output}\nstopped after {limit:.0f} s"
-    except BaseException:
-        os.killpg(process.pid, signal.SIGKILL)
-        raise
+    finally:
+        GROUPS.end(process)
     return process.returncode, output
 
 
@@ -167,31 +198,47 @@ def run_pytest(job: Job, env: dict[str, str], limit: float, word: str) -> Result
     return result
 
 
-def run_all(jobs: list[Job], env: dict[str, str], limit: float, word: str) -> Result:
-    """Runs the jobs one after the other and prints a line for each."""
-    total = Result()
-    strict = env.get("CI") == "true"
-    for job in jobs:
-        start = time.monotonic()
-        if job.kind == "pytest":
-            result = run_pytest(job, env, limit, word)
-        else:
-            result = run_counted(job, env, limit)
-        missing = [s for s in result.skips if strict and OPTIONAL not in s]
+def run_job(job: Job, env: dict[str, str], limit: float, word: str) -> tuple[Result, float]:
+    """What came of a job, and the seconds that it took."""
+    start = time.monotonic()
+    if job.kind == "pytest":
+        result = run_pytest(job, env, limit, word)
+    else:
+        result = run_counted(job, env, limit)
+    if env.get("CI") == "true":
+        missing = [s for s in result.skips if OPTIONAL not in s]
         for skip in missing:
             result.fail(f"must not be skipped where CI=true: {skip}")
         result.skips = [s for s in result.skips if s not in missing]
-        counts = f"{result.passed} passed, {result.failed} failed, {len(result.skips)} skipped"
-        mark = "FAIL" if result.failed else "ok"
-        seconds = time.monotonic() - start
-        print(f"{mark:4} {job.suite}/{job.name}: {counts} ({seconds:.1f} s)", flush=True)
-        if result.failed:
-            print("    " + result.output.strip().replace("\n", "\n    "), flush=True)
-        for skip in result.skips:
-            print(f"     skipped {skip}", flush=True)
-        total.passed += result.passed
-        total.failed += result.failed
-        total.skips += result.skips
+    return result, time.monotonic() - start
+
+
+def show(job: Job, result: Result, seconds: float) -> None:
+    counts = f"{result.passed} passed, {result.failed} failed, {len(result.skips)} skipped"
+    mark = "FAIL" if result.failed else "ok"
+    print(f"{mark:4} {job.suite}/{job.name}: {counts} ({seconds:.1f} s)", flush=True)
+    if result.failed:
+        print("    " + result.output.strip().replace("\n", "\n    "), flush=True)
+    for skip in result.skips:
+        print(f"     skipped {skip}", flush=True)
+
+
+def run_all(jobs: list[Job], env: dict[str, str], args: argparse.Namespace) -> Result:
+    """Runs the jobs, args.jobs at once, and prints a line for each when it has ended."""
+    total = Result()
+    with concurrent.futures.ThreadPoolExecutor(args.jobs) as pool:
+        running = {pool.submit(run_job, job, env, args.limit, args.word): job for job in jobs}
+        try:
+            for future in concurrent.futures.as_completed(running):
+                result, seconds = future.result()
+                show(running[future], result, seconds)
+                total.passed += result.passed
+                total.failed += result.failed
+                total.skips += result.skips
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            GROUPS.stop()
+            raise
     return total
 
 
@@ -201,7 +248,9 @@ def main() -> int:
     parser.add_argument("--only", default="", help="suites (folders of tests/), comma separated")
     parser.add_argument("--kinds", default="program,script,pytest", help="kinds of tests to run")
     parser.add_argument("-k", dest="word", default="", help="only what has this word in its name")
-    parser.add_argument("--limit", type=float, default=2400, help="seconds for one program")
+    parser.add_argument("--limit", type=float, default=3600, help="seconds for one program")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1,
+                        help="programs that run at once (default: one for each processor)")
     parser.add_argument("--list", action="store_true", help="name the programs and stop")
     args = parser.parse_args()
 
@@ -220,7 +269,8 @@ def main() -> int:
     env = {name: value for name, value in os.environ.items() if name not in make}
     env |= dict(LULL_BUILD=str(build), LULL_ROOT=str(ROOT), PYTHON=sys.executable)
     env["PYTHONPATH"] = os.pathsep.join(filter(None, [str(ROOT), env.get("PYTHONPATH", "")]))
-    total = run_all(jobs, env, args.limit, args.word)
+    env.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # several at once: no thread spins while it waits
+    total = run_all(jobs, env, args)
     print(f"{total.passed} passed, {total.failed} failed, {len(total.skips)} skipped")
     return 0 if total.passed and not total.failed else 1
 

@@ -470,7 +470,7 @@ lull_status lull_cl_run(lull_engine_plan *plan, const lull_images *images, const
                         lull_fault *fault)
 {
     run r = {0};
-    lull_status status = LULL_OK;
+    lull_status status;
     unsigned x, y;
 
     if (plan->cl->process != lull_process_id()) {
@@ -484,7 +484,7 @@ lull_status lull_cl_run(lull_engine_plan *plan, const lull_images *images, const
     r.fault = fault;
     r.task.plan = &plan->host;
     r.task.images = images;
-    plan->host.scale = lull_exec_scale(&r.task, host);
+    status = lull_choose_scale(&plan->host.scale, &plan->host, images, host);
     for (y = 0; y < plan->host.frame.height && status == LULL_OK; y += plan->tile_height)
         for (x = 0; x < plan->host.frame.width && status == LULL_OK; x += plan->tile_width) {
             status = run_tile(&r, x, y);

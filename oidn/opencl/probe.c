@@ -1,4 +1,4 @@
-/* Asks a device for arithmetic whose bits are known: drivers have been wrong about what they say. */
+/* Asks a device for arithmetic whose bits are known: drivers may be wrong about what they say. */
 #include "opencl.h"
 
 #include "../../ports/opencl/probe.h"
@@ -28,7 +28,8 @@ static int32_t run(lull_opencl *cl, cl_kernel kernel, cl_memory memory, float *v
     void *mapped;
 
     if (error == CL_SUCCESS)
-        error = api->clEnqueueNDRangeKernel(cl->queue, kernel, 1, NULL, &items, NULL, 0, NULL, NULL);
+        error = api->clEnqueueNDRangeKernel(cl->queue, kernel, 1, NULL, &items, NULL, 0, NULL,
+                                            NULL);
     if (error != CL_SUCCESS)
         return error;
     mapped = api->clEnqueueMapBuffer(cl->queue, memory, 1, CL_MAP_READ, 0, VALUES * sizeof *values,

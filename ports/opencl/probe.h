@@ -1,5 +1,5 @@
-/* Whether a device computes as it says: arithmetic that gives other bits where products and sums are
- * contracted or quotients rounded in another way, in what C99 and OpenCL C have in common. */
+/* Whether a device computes as it says: arithmetic that gives other bits where products and sums
+ * are contracted or quotients rounded in another way, in what C99 and OpenCL C have in common. */
 #ifndef LULL_OPENCL_PROBE_H
 #define LULL_OPENCL_PROBE_H
 

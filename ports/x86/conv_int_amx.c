@@ -393,7 +393,7 @@ void lull_conv_int_amx(const lull_conv *conv)
     amx_conv a;
     tile_row row;
     if (is_short(conv)) {
-        lull_conv_int_short_amx(conv);
+        lull_conv_int_vnni(conv);
         return;
     }
     row.conv = conv;

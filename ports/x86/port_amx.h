@@ -1,8 +1,7 @@
 #ifndef LULL_PORT_AMX_H
 #define LULL_PORT_AMX_H
 
-#include "intrinsics.h"
-#include "kernels.h"
+#include "port_vnni.h" /* which every CPU with tiles has */
 
 #if !LULL_EMULATE && (!defined(__AVX512BW__) || !defined(__AVX512VL__))
 #error "this file is compiled with -mamx-tile -mamx-int8 and AVX-512"
@@ -16,6 +15,5 @@
 #endif
 
 void lull_conv_int_amx(const lull_conv *conv);
-void lull_conv_int_short_amx(const lull_conv *conv); /* without tiles; weights of narrow parts */
 
 #endif

@@ -27,3 +27,6 @@ TEST_test_fuzz_api_LIBS := -lm
 TESTS += test_memory
 TEST_test_memory_SOURCES := tests/api/test_memory.c $(API_COMMON)
 TEST_test_memory_LIBS := -lm -Wl,--wrap=malloc,--wrap=free,--wrap=pthread_create
+TESTS += test_auto
+TEST_test_auto_SOURCES := tests/api/test_auto.c $(API_COMMON)
+TEST_test_auto_LIBS := -lm

@@ -558,7 +558,7 @@ static void seeds(void)
     uint64_t seed;
 
     for (seed = 1; seed <= SEEDS; seed++) {
-        alarm(120); /* a hang ends the program */
+        alarm(600); /* a hang ends the program */
         play_seed(seed);
         CHECK(1);
     }
@@ -584,7 +584,7 @@ int main(int argc, char **argv)
                 fprintf(last, "%llu\n", (unsigned long long)seed);
                 fclose(last);
             }
-            alarm(120);
+            alarm(600);
             play_seed(seed++);
         }
         printf("%llu sessions\n", (unsigned long long)(seed - first));

@@ -57,7 +57,7 @@ try "make install" "${MAKE:-make}" -C "$root" --no-print-directory install BUILD
 tree=$work/stage$prefix
 for file in include/lull.h include/OpenImageDenoise/oidn.h include/OpenImageDenoise/oidn.hpp \
     include/OpenImageDenoise/config.h include/OpenImageDenoise/namespace.h \
-    include/OpenImageDenoise/lull_device.h lib/liblull.a \
+    include/OpenImageDenoise/lull_device.h include/OpenImageDenoise/lull_quality.h lib/liblull.a \
     lib/libOpenImageDenoise.a lib/libOpenImageDenoise.so.2 lib/libOpenImageDenoise.so \
     lib/pkgconfig/lull.pc lib/pkgconfig/OpenImageDenoise.pc; do
     if [ -e "$tree/$file" ]; then ok; else bad "installed: $file"; fi
@@ -139,6 +139,15 @@ END
 else
     skip meson "optional: meson or ninja is not installed"
 fi
+
+# ---- make uninstall ----------------------------------------------------------------------------
+touch "$tree/lib/of-somebody-else"
+try "make uninstall" "${MAKE:-make}" -C "$root" --no-print-directory uninstall BUILD="$build" \
+    DESTDIR="$work/stage" prefix="$prefix"
+left=$(find "$work/stage" ! -type d)
+if [ "$left" = "$tree/lib/of-somebody-else" ]; then ok; else bad "uninstall left: $left"; fi
+try "uninstall twice" "${MAKE:-make}" -C "$root" --no-print-directory uninstall BUILD="$build" \
+    DESTDIR="$work/stage" prefix="$prefix"
 
 echo "$passed passed, $failed failed, $skipped skipped"
 [ "$failed" = 0 ]

@@ -2,6 +2,8 @@
  * allocate nothing, everything is freed. Linked with malloc, free and pthread_create wrapped. */
 #include "api.h"
 
+#include "OpenImageDenoise/lull_quality.h"
+
 #include <errno.h>
 #include <stdint.h>
 
@@ -216,6 +218,53 @@ static void executions_allocate_nothing(void)
     oidnReleaseDevice(device);
 }
 
+/* Quality `auto`: a frame that is sampled, denoised by one model and then by another. */
+static void auto_allocates_at_commits(void)
+{
+    enum { SIZE = 361 };
+    static float image[3 * SIZE * SIZE];
+    OIDNDevice device;
+    OIDNFilter filter;
+    unsigned n, seed = 5, before;
+    int i;
+
+    if (is_peer())
+        SKIP("optional: Open Image Denoise has no quality 'auto'");
+    if (!has_builtin())
+        SKIP("there are no built-in weights");
+    before = live;
+    for (n = 1;; n++) { /* until one allocation after the other has failed */
+        start_counting(0);
+        device = new_device();
+        filter = oidnNewFilter(device, "RT");
+        oidnSetSharedFilterImage(filter, "output", image + 3, F3, SIZE, SIZE - 1, 0, 0, 0);
+        oidnSetSharedFilterImage(filter, "color", image, F3, SIZE, SIZE - 1, 0, 0, 0);
+        oidnSetFilterBool(filter, "hdr", true);
+        oidnSetFilterInt(filter, "quality", LULL_QUALITY_AUTO);
+        start_counting(n);
+        oidnCommitFilter(filter);
+        if (allocations < n)
+            break;
+        ERROR(device, MEMORY);
+        oidnReleaseFilter(filter);
+        oidnReleaseDevice(device);
+        CHECK_EQ(live, before);
+    }
+    CHECK(n > 6); /* three models, plan, copy and sample */
+    start_counting(0);
+    oidnExecuteFilter(filter);
+    CHECK_EQ(oidnGetFilterInt(filter, "usedQuality"), OIDN_QUALITY_FAST);
+    for (i = 0; i < 3 * SIZE * SIZE; i++)
+        image[i] = noise(&seed) < 0.95f ? 0 : 20 * noise(&seed);
+    oidnExecuteFilter(filter);
+    CHECK_EQ(oidnGetFilterInt(filter, "usedQuality"), OIDN_QUALITY_HIGH);
+    ERROR(device, NONE);
+    CHECK_EQ(allocations, 0);
+    oidnReleaseFilter(filter);
+    oidnReleaseDevice(device);
+    CHECK_EQ(live, before);
+}
+
 /* A failed commit leaves other filters as they were. */
 static void failed_commit_spares_others(void)
 {
@@ -285,6 +334,7 @@ int main(int argc, char **argv)
     RUN(every_allocation_fails);
     RUN(error_without_memory);
     RUN(executions_allocate_nothing);
+    RUN(auto_allocates_at_commits);
     RUN(failed_commit_spares_others);
 #if LULL_WITH_THREADS
     RUN(threads_fail_to_start);

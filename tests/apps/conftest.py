@@ -41,7 +41,7 @@ def runner(program: Path) -> Callable[..., Run]:
             capture_output=True,
             text=True,
             errors="replace",
-            timeout=120,
+            timeout=600,
         )
         assert done.returncode >= 0, f"ended by signal {-done.returncode}: {done.stderr}"
         return Run(done.returncode, done.stdout, done.stderr)

@@ -58,8 +58,8 @@ def test_runs_without_a_number(benchmark, identity):
 
 @pytest.mark.parametrize("option", [
     "-d cpu", "--dev cpu", "--device 0", "--run RT.ldr.*", "-t half", "--type f", "-q fast",
-    "--quality b", "--threads 1", "--affinity 0", "--maxmem 500", "--maxMemoryMB 500", "--inplace",
-    "--buffer host", "--buffer hostcopy", "--buffer device", "--buffer devicecopy",
+    "--quality b", "-q auto", "--threads 1", "--affinity 0", "--maxmem 500", "--maxMemoryMB 500",
+    "--inplace", "--buffer host", "--buffer hostcopy", "--buffer device", "--buffer devicecopy",
     "--buffer managed", "--buffer managedcopy", "--buffer hostcopy --inplace", "-v 0",
     "-n 1"])  # fmt: skip
 def test_option_is_accepted(benchmark, identity, option):

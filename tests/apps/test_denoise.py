@@ -84,6 +84,18 @@ def test_which_model_is_built_in_for_what(denoise, frame, quality, images):
     assert chosen.json["runs"][0]["hash"] == given.json["runs"][0]["hash"]
 
 
+def test_auto_says_what_it_takes(denoise, work):
+    """The bytes of that quality: the least for a smooth frame, the highest for a small one."""
+    for size, taken in (400, "fast"), (100, "high"):
+        t.write_pfm(work / "smooth.pfm", np.full((size, size, 3), 0.5, np.float32))
+        done = denoise("--hdr", "smooth.pfm", "-q", "auto")
+        given = denoise("--hdr", "smooth.pfm", "-q", taken, "--json").json["runs"][0]
+        told = re.search(rf"\n  msec=[^,]+, hash={given['hash']}\n  quality=(\w+)\n", done.out)
+        assert told and told[1] == taken and "quality" not in given
+        run = denoise("--hdr", "smooth.pfm", "-q", "auto", "--json").json["runs"][0]
+        assert (run["hash"], run["quality"]) == (given["hash"], taken)
+
+
 # Every option under every name, with a value that must be accepted.
 OPTIONS = [
     *(f"{name} cpu" for name in ("-d", "--dev", "--device")),
@@ -107,7 +119,7 @@ OPTIONS = [
     *(
         f"{name} {value}"
         for name in ("-q", "--quality")
-        for value in ("default", "h", "high", "b", "balanced", "f", "fast")
+        for value in ("default", "h", "high", "b", "balanced", "f", "fast", "auto")
     ),
     "-n 2",
     "--threads 1",

@@ -68,12 +68,12 @@
 #define lull_conv_int3_vnni emulated_conv_int3_vnni
 #define lull_port_amx emulated_port_amx
 #define lull_conv_int_amx emulated_conv_int_amx
-#define lull_conv_int_short_amx emulated_conv_int_short_amx
 
 #if EMULATE_X86
 
 #define LULL_EMULATE 1
 #define SIMDE_ENABLE_NATIVE_ALIASES
+#define SIMDE_NO_INLINE /* in place, the operations make these files take minutes to compile */
 #include <simde/x86/avx512.h>
 #include <simde/x86/fma.h>
 

@@ -21,9 +21,8 @@ TEST_conform_emulated_SOURCES := tests/conform/emulate_main.c tests/conform/conf
                                  tests/conform/emulate_conv_points_vnni.c \
                                  tests/conform/emulate_conv_int_avxvnni.c \
                                  tests/conform/emulate_conv_int_vnni.c \
-                                 tests/conform/emulate_conv_int_amx.c \
-                                 tests/conform/emulate_conv_int_short_amx.c
-# The emulation is thousands of small functions: at -O3 its files take minutes to compile.
+                                 tests/conform/emulate_conv_int_amx.c
+# The emulation is thousands of small functions: at -O3 its files take long to compile.
 TEST_conform_emulated_FLAGS := -Wno-psabi -O1
 # The same with sanitizers: an hour. The kernels themselves are sanitized through conform.
 TESTS_NOT_SANITIZED := conform_emulated

@@ -305,6 +305,41 @@ static void every_size_runs(void)
     free(model);
 }
 
+/* The scale that a run takes can be asked for, and given to it. */
+static void scale_is_the_run_s(void)
+{
+    lull_model *model = load_model(WEIGHTS);
+    for (unsigned content = 0; content < LULL_CONTENT_COUNT; content++) {
+        scene s = make_scene(50, 37, 3);
+        size_t bytes = (size_t)s.width * s.height * 3 * sizeof(float);
+        float *own = malloc(bytes), scale = 0;
+        lull_frame frame =
+            lull_frame_default(s.width, s.height, (lull_content)content, ALL_FEATURES);
+        lull_plan *plan = make_plan(&frame, model);
+        int is_hdr = content == LULL_HDR || content == LULL_LIGHTMAP_HDR;
+        CHECK_EQ(lull_run(plan, &s.images, NULL), LULL_OK);
+        memcpy(own, s.output, bytes);
+        CHECK_EQ(lull_choose_scale(&scale, plan, &s.images, NULL), LULL_OK);
+        CHECK(scale == (is_hdr ? lull_autoexposure(&s.images.color, s.width, s.height) : 1));
+        CHECK(!is_hdr || scale != 1);
+        s.images.input_scale = scale;
+        CHECK_EQ(lull_run(plan, &s.images, NULL), LULL_OK);
+        CHECK(memcmp(own, s.output, bytes) == 0);
+        s.images.input_scale = 0.7f;
+        CHECK_EQ(lull_choose_scale(&scale, plan, &s.images, NULL), LULL_OK);
+        CHECK(scale == 0.7f);
+        CHECK_EQ(lull_choose_scale(NULL, plan, &s.images, NULL), LULL_ERROR_ARGUMENT);
+        CHECK_EQ(lull_choose_scale(&scale, NULL, &s.images, NULL), LULL_ERROR_ARGUMENT);
+        CHECK_EQ(lull_choose_scale(&scale, plan, NULL, NULL), LULL_ERROR_ARGUMENT);
+        s.images.color.data = NULL;
+        CHECK_EQ(lull_choose_scale(&scale, plan, &s.images, NULL), LULL_ERROR_IMAGE);
+        free(own);
+        free(plan);
+        free_scene(&s);
+    }
+    free(model);
+}
+
 /* Plan memory is what was asked for, is filled with a pattern around it, and does not grow with
  * height. */
 static void memory_is_known_beforehand(void)
@@ -431,6 +466,7 @@ int main(int argc, char **argv)
     RUN(streamed_rows_equal_a_run);
     RUN(plans_can_be_moved);
     RUN(every_size_runs);
+    RUN(scale_is_the_run_s);
     RUN(memory_is_known_beforehand);
     RUN(progress_is_monotone_and_cancels);
     RUN(errors_are_reported);

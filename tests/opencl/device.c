@@ -121,6 +121,37 @@ static void refuses_other_networks(void)
     free(out);
 }
 
+/* Samples are the CPU device's. */
+static void auto_is_high(void)
+{
+    enum { SIDE = 800, VALUES = 3 * SIDE * SIDE }; /* large enough for a sample */
+    static const int qualities[] = {LULL_QUALITY_AUTO, OIDN_QUALITY_HIGH};
+    float *in, *out[2];
+    OIDNDevice device;
+    int i;
+
+    NEED_OPENCL();
+    in = picture(VALUES, 1);
+    device = open_opencl();
+    for (i = 0; i < 2; i++) {
+        OIDNFilter filter;
+
+        out[i] = picture(VALUES, 2);
+        filter = new_hdr(device, in, out[i], SIDE, SIDE);
+        oidnSetFilterInt(filter, "quality", qualities[i]);
+        oidnCommitFilter(filter);
+        oidnExecuteFilter(filter);
+        CHECK_EQ(oidnGetFilterInt(filter, "usedQuality"), OIDN_QUALITY_HIGH);
+        ERROR(device, NONE);
+        oidnReleaseFilter(filter);
+    }
+    CHECK(!memcmp(out[0], out[1], VALUES * sizeof(float)));
+    oidnReleaseDevice(device);
+    free(in);
+    free(out[0]);
+    free(out[1]);
+}
+
 /* ---- Background work ------------------------------------------------------------------------- */
 
 /* A picture from one filter to the next through buffers, all of it queued. */
@@ -357,6 +388,7 @@ int main(int argc, char **argv)
     RUN(errors_name_what_is_missing);
     RUN(device_tells_what_it_is);
     RUN(refuses_other_networks);
+    RUN(auto_is_high);
     RUN(queued_work);
     RUN(progress_and_cancelling);
     RUN(release_orders);

@@ -9,6 +9,7 @@
 #include "tests/api/api.h"
 
 #include "OpenImageDenoise/lull_device.h"
+#include "OpenImageDenoise/lull_quality.h"
 
 /* pocl keeps compiled kernels in files: in the build folder, where there is one. */
 static inline void keep_kernels_in_build(void)

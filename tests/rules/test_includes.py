@@ -25,6 +25,7 @@ LIB = {
     "curves": {"kernels"},
     "exposure": {"image", "transfer", "kernels"},
     "cpu": {"ports"},
+    "difference": {"image", "transfer"},
     "winograd": set(),
     "patches": set(),
     "bilateral": {"pixels"},
@@ -43,7 +44,7 @@ LIBC = {"float.h", "stddef.h", "stdint.h", "string.h"}  # string.h in base.h onl
 INTRINSICS = {"immintrin.h", "emmintrin.h", "tmmintrin.h", "arm_neon.h", "cpuid.h"}
 PORT_MAY = {"base", "curves", "kernels", "lull", "patches", "pixels", "winograd"}  # headers of lib/
 APPS_MAY = {"lull.h", "OpenImageDenoise/oidn.h", "OpenImageDenoise/oidn.hpp",
-            "OpenImageDenoise/config.h", "builtin.def"}
+            "OpenImageDenoise/config.h", "OpenImageDenoise/lull_quality.h", "builtin.def"}
 
 
 def includes(path: Path) -> list[tuple[bool, str]]:

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import hypothesis
 import pytest
 import torch
 
@@ -14,6 +15,10 @@ from tests.training.tools import make_raw
 from training.errors import ToolError
 
 torch.set_num_threads(1)
+# How long an example takes says nothing: the machine may be slow or busy.
+hypothesis.settings.register_profile("any speed", deadline=None,
+                                     suppress_health_check=[hypothesis.HealthCheck.too_slow])
+hypothesis.settings.load_profile("any speed")
 
 
 @pytest.fixture(scope="session")

@@ -51,7 +51,7 @@ KINDS = pytest.mark.parametrize("groups_of, by_hand", ((pair_groups, pairs_by_ha
 
 
 @KINDS
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(w=weights())
 def test_weights_within_a_bound_are_near(groups_of, by_hand, w):
     made = Bound(groups_of(w.shape[1:])).kernels(w)
@@ -63,7 +63,7 @@ def test_weights_within_a_bound_are_near(groups_of, by_hand, w):
 
 
 @KINDS
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(w=weights(-127, 127))
 def test_a_bound_holds_where_it_does_and_leaves_weights_alone(groups_of, by_hand, w):
     bound, is_broken = Bound(groups_of(w.shape[1:])), any(map(breaks, by_hand(w)))
@@ -90,7 +90,7 @@ def test_sums_in_words_may_reach_128(last, fits):
 
 
 @KINDS
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(w=weights())
 def test_weights_over_their_norm_keep_the_bounds(groups_of, by_hand, w):
     norm = Bound(groups_of(w.shape[1:])).norm(w.reshape(len(w), -1))
@@ -108,7 +108,7 @@ def problem(rng, k, kind="pairs"):
     return Problem(x.T @ x / len(x), Bound(group)), x
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(st.integers(0, 10**6), st.integers(1, 30), st.sampled_from(("own", "pairs", "words")))
 def test_every_rounding_is_whole_and_within_its_bound(seed, k, kind):
     rng = np.random.default_rng(seed)

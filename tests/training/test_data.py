@@ -204,7 +204,7 @@ def test_tiles_larger_than_a_picture_are_refused():
         Batches([], F, "hdr", "pu", 4, 64, 7)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.integers(0, 10**6))
 def test_augmentation_moves_input_and_target_alike(seed):
     """With an input equal to its target they stay equal whatever happens to them."""

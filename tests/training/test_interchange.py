@@ -170,7 +170,7 @@ def test_unwritable_output(data, fails):
 
 
 def test_wrong_option(data, script):
-    done = script("train", *RAW, "--bach_size", "4", timeout=300)
+    done = script("train", *RAW, "--bach_size", "4", timeout=600)
     assert done.returncode == 2 and not Path("results").exists()
     lines = done.stderr.strip().splitlines()
     assert len(lines) == 1 and lines[0].startswith("Error: ") and "--bach_size" in lines[0]

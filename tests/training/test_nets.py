@@ -50,7 +50,7 @@ def transcription(t, x):
     return conv("dec_conv0", v, relu=False)
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8)
 @given(st.lists(st.integers(1, 9), min_size=15, max_size=15), st.sampled_from([3, 6, 9]),
        st.sampled_from([(16, 16), (32, 48)]))
 def test_forward_is_the_transcription(widths, inputs, size):

@@ -46,7 +46,7 @@ def test_there_are_golden_models():
     assert len(CASES) >= 8
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(st.integers(0, 10**6), st.sampled_from((own_groups, pair_groups, word_groups)))
 def test_rounded_weights_keep_the_bounds(seed, groups_of):
     rng = np.random.default_rng(seed)

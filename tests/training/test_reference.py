@@ -52,7 +52,7 @@ def sums_by_hand(x, w, first, rows, up):
     return out
 
 
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 @given(st.integers(0, 10**6), st.integers(1, 3), st.booleans(), st.booleans())
 def test_sums_are_exact(seed, channels, up, wide):
     rng = np.random.default_rng(seed)
@@ -66,7 +66,7 @@ def test_sums_are_exact(seed, channels, up, wide):
     assert (out.astype(np.int64) == sums_by_hand(x, w, first, rows, up)).all()
 
 
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=200)
 @given(st.integers(0, WIDE_MAX), st.integers(-127, 127), st.integers(0, NARROW_MAX),
        st.integers(-127, 127), st.integers(-2**30, 2**30), st.floats(0, 0.5, width=32,
        exclude_max=True), st.integers(0, 15), st.sampled_from((NARROW_MAX, WIDE_MAX)))

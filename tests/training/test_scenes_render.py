@@ -44,7 +44,7 @@ SCENE = """<scene version="3.0.0">
 def command(root: Path, *args) -> subprocess.CompletedProcess:
     return subprocess.run([sys.executable, "-m", f"training.scenes.{args[0]}",
                            *map(str, args[1:])], cwd=root, capture_output=True, text=True,
-                          timeout=300)
+                          timeout=600)
 
 
 def one_line(run: subprocess.CompletedProcess, code: int, *words: str) -> None:

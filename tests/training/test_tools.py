@@ -322,7 +322,7 @@ def test_the_real_oidn_gives_the_same_picture(results, work):
 
 def test_errors_are_one_line_on_stderr_and_a_code(work, script, capfd):
     (work / "broken.exr").write_bytes(b"\x76\x2f\x31\x01 and no more")
-    done = script("compare_image", "broken.exr", "b.exr", timeout=300)
+    done = script("compare_image", "broken.exr", "b.exr", timeout=600)
     assert done.returncode == 3 and not done.stdout
     lines = done.stderr.strip().splitlines()
     assert len(lines) == 1 and lines[0].startswith("Error: broken.exr: cannot read")
@@ -343,5 +343,5 @@ def test_errors_are_one_line_on_stderr_and_a_code(work, script, capfd):
 def test_help_of_a_file_run_from_elsewhere(script, work, root, name, option):
     assert os.access(root / "training" / f"{name}.py", os.X_OK)
     env = {k: v for k, v in os.environ.items() if k != "PYTHONPATH"}
-    done = script(name, "--help", env=env, timeout=300)
+    done = script(name, "--help", env=env, timeout=600)
     assert done.returncode == 0 and option in done.stdout and not done.stderr
