@@ -16,7 +16,7 @@
 #
 # Settings: CC, HOSTCC (compiler of build-time tools when cross compiling), CFLAGS and LDFLAGS (added
 # last), OPT=-O3, WERROR=1, SAN=address,undefined (in a build folder of its own), BUILD=folder, and
-# OPENEXR=0, PNG=0, THREADS=0 to leave an optional part out. The .mk files list the sources.
+# OPENEXR=0, PNG=0, THREADS=0, OPENCL=0 to leave an optional part out. The .mk files list the sources.
 
 ifeq ($(origin CC),default)
 CC := $(or $(shell for c in cc gcc clang; do command -v $$c >/dev/null && echo $$c && break; done),cc)
@@ -94,6 +94,7 @@ part = $(if $(filter 0,$($(1))),0,$(if $(shell $(PKG_CONFIG) --exists '$(2)' 2>/
 WITH_OPENEXR := $(call part,OPENEXR,OpenEXR >= 3.1)
 WITH_PNG := $(call part,PNG,libpng)
 WITH_THREADS := $(if $(filter 0,$(THREADS)),0,1)
+WITH_OPENCL := $(if $(filter 0,$(OPENCL)),0,1)
 
 ifeq ($(WITH_OPENEXR),1)
 OPENEXR_CFLAGS := $(shell $(PKG_CONFIG) --cflags OpenEXR)
@@ -108,6 +109,7 @@ endif
 ifneq ($(findstring memory,$(SAN)),)
 WITH_OPENEXR := 0
 WITH_PNG := 0
+WITH_OPENCL := 0
 OPENEXR_CFLAGS :=
 OPENEXR_LIBS :=
 PNG_CFLAGS :=
@@ -136,7 +138,7 @@ ifneq ($(SYSTEM),windows)
 PIC := -fPIC
 endif
 DEFINES := -DLULL_WITH_OPENEXR=$(WITH_OPENEXR) -DLULL_WITH_PNG=$(WITH_PNG) \
-           -DLULL_WITH_THREADS=$(WITH_THREADS) \
+           -DLULL_WITH_THREADS=$(WITH_THREADS) -DLULL_WITH_OPENCL=$(WITH_OPENCL) \
            $(foreach g,$(PORT_GROUPS),-DLULL_WITH_$(g)=$(if $(filter $(g),$(PORTS)),1,0))
 BASE_FLAGS = -std=c99 $(OPT) $(EXACT) $(WARNINGS) -fvisibility=hidden $(PIC) $(SAN_FLAGS) $(DEFINES)
 # lib/ and ports/ call nothing of libc but mem*: no stack protector, no _chk variants.
@@ -146,7 +148,8 @@ ifeq ($(SYSTEM),windows)
 HOSTED_FLAGS += -D__USE_MINGW_ANSI_STDIO=1
 STATIC_FLAGS := -DOIDN_STATIC_LIB # tools and tests hold the library
 endif
-THREAD_LIBS := $(if $(filter 1,$(WITH_THREADS)),-pthread)
+# What the facade needs beside the C library; dlopen is in libdl where that is not empty.
+THREAD_LIBS := $(if $(filter 1,$(WITH_THREADS)),-pthread)$(if $(filter 1elf,$(WITH_OPENCL)$(SYSTEM)), -ldl)
 
 # ---- What is built -------------------------------------------------------------------------------
 
@@ -158,7 +161,10 @@ TEST_SOURCES := $(sort $(foreach t,$(TESTS),$(TEST_$(t)_SOURCES)))
 ifneq ($(wildcard weights/builtin.def),)
 WEIGHTS_OBJECTS := $(BUILD)/obj/weights.o
 endif
-FACADE_OBJECTS := $(LIB_OBJECTS) $(OIDN_OBJECTS) $(WEIGHTS_OBJECTS)
+ifeq ($(WITH_OPENCL),1)
+OPENCL_OBJECTS := $(call object,$(OPENCL_SOURCES)) $(BUILD)/obj/opencl_source.o
+endif
+FACADE_OBJECTS := $(LIB_OBJECTS) $(OIDN_OBJECTS) $(OPENCL_OBJECTS) $(WEIGHTS_OBJECTS)
 
 EXE := $(if $(filter windows,$(SYSTEM)),.exe)
 LIBLULL := $(BUILD)/lib/liblull.a
@@ -198,6 +204,7 @@ lull for $(MACHINE)
   OpenEXR    $(call yesno,$(WITH_OPENEXR),(pkg-config finds no OpenEXR >= 3.1; Debian: libopenexr-dev pkg-config))
   PNG        $(call yesno,$(WITH_PNG),(pkg-config finds no libpng; Debian: libpng-dev pkg-config))
   threads    $(call yesno,$(WITH_THREADS),(THREADS=0))
+  OpenCL     $(call yesno,$(WITH_OPENCL),(OPENCL=0))
 endef
 export SETTINGS
 
@@ -248,6 +255,16 @@ $(BUILD)/gen/weights.c: $(BUILD)/host/embed $(wildcard weights/*.tza)
 $(BUILD)/obj/weights.o: $(BUILD)/gen/weights.c $(BUILD)/settings.txt
 	@mkdir -p $(@D)
 	$(call say,CC,$<)$(CC) $(BASE_FLAGS) $(STRICT) $(CFLAGS) -Iweights -Ilib -MMD -MP -c -o $@ $<
+
+# ---- The program for OpenCL devices --------------------------------------------------------------
+
+$(BUILD)/gen/opencl_source.c: $(BUILD)/host/embed $(OPENCL_TEXTS)
+	@mkdir -p $(@D)
+	$(call say,EMBED,$@)$< --text lull_opencl_source $@ $(OPENCL_TEXTS)
+
+$(BUILD)/obj/opencl_source.o: $(BUILD)/gen/opencl_source.c $(BUILD)/settings.txt
+	@mkdir -p $(@D)
+	$(call say,CC,$<)$(CC) $(BASE_FLAGS) $(CFLAGS) -MMD -MP -c -o $@ $<
 
 # ---- Linking -------------------------------------------------------------------------------------
 

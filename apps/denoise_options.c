@@ -133,7 +133,7 @@ static const option table[] = {
           "scale of the colour (chosen from the image)"),
     WORD("t type", type, device_types, "float|half", "values in memory (as in the file)"),
     TEXT("w weights", weights, "FILE.tza", "network weights (the built-in ones)"),
-    CALL("d dev device", set_device, "N|default|cpu|sycl|cuda|hip|metal", "device"),
+    CALL("d dev device", set_device, "N|default|cpu|sycl|cuda|hip|metal|opencl", "device"),
     INT("threads", device.threads, 0, INT_MAX, "N", "threads (all)"),
     INT("affinity", device.affinity, 0, 1, "0|1", "bind threads to cores"),
     INT("maxmem maxMemoryMB maxmemorymb", max_memory, INT_MIN, INT_MAX, "MB",

@@ -17,6 +17,7 @@ static const option_word type_words[] = {
     {"cuda", OIDN_DEVICE_TYPE_CUDA},
     {"hip", OIDN_DEVICE_TYPE_HIP},
     {"metal", OIDN_DEVICE_TYPE_METAL},
+    {"opencl", LULL_DEVICE_TYPE_OPENCL},
     {NULL, 0},
 };
 
@@ -90,6 +91,8 @@ const char *device_version(OIDNDevice device, char text[32])
 static const char *type_name(int type)
 {
     static const char *const names[] = {"default", "CPU", "SYCL", "CUDA", "HIP", "Metal"};
+    if (type == LULL_DEVICE_TYPE_OPENCL)
+        return "OpenCL";
     return type >= 0 && type < 6 ? names[type] : "unknown";
 }
 

@@ -2,14 +2,14 @@
 #ifndef LULL_APPS_DEVICE_H
 #define LULL_APPS_DEVICE_H
 
+#include <OpenImageDenoise/lull_device.h>
 #include <OpenImageDenoise/lull_quality.h>
-#include <OpenImageDenoise/oidn.h>
 
 #include "imageio.h"
 #include "options.h"
 
 typedef struct device_settings {
-    int type;     /* OIDNDeviceType, or -1: by id */
+    int type;     /* OIDNDeviceType or LULL_DEVICE_TYPE_OPENCL; -1: by id */
     int id;       /* physical device */
     int threads;  /* 0: all */
     int affinity; /* -1: as the library likes */

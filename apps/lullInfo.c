@@ -1,7 +1,7 @@
-/* lullInfo: what lull sees. Without arguments the processor, the ports of this build and its
- * built-in models; of weights files the network, its cost and memory; of images their size, layers
- * and values; with --compare the distance of images from a reference. docs/apps.md is its manual.
- */
+/* lullInfo: what lull sees. Without arguments the processor, the ports of this build, the OpenCL
+ * device and the built-in models; of weights files the network, its cost and memory; of images
+ * their size, layers and values; with --compare the distance of images from a reference.
+ * docs/apps.md is its manual. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -63,6 +63,22 @@ static void tell_ports(json *report)
         json_text(report, lull_kernel_name(i), port);
     }
     json_close(report, '}');
+}
+
+/* The OpenCL device that would be used, or why there is none. */
+static void tell_opencl(json *report)
+{
+    OIDNDevice device = oidnNewDevice((OIDNDeviceType)LULL_DEVICE_TYPE_OPENCL);
+    const char *why = NULL;
+    oidnGetDeviceError(device, &why);
+    if (device) {
+        report_line("OpenCL: %s\n", lull_device_name(device));
+        json_text(report, "opencl", lull_device_name(device));
+        oidnReleaseDevice(device);
+    } else {
+        report_line("OpenCL: none (%s)\n", why);
+        json_text(report, "opencl", "");
+    }
 }
 
 /* ---- Weights --------------------------------------------------------------------------------- */
@@ -388,6 +404,7 @@ static exit_code run(const settings *s, json *report)
     exit_code code = EXIT_OK;
     if (!s->count && !s->reference) {
         tell_ports(report);
+        tell_opencl(report);
         return tell_builtin(s, report);
     }
     if (s->reference) {

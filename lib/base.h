@@ -98,53 +98,8 @@ LULL_INLINE float lull_float(uint32_t u)
     return f;
 }
 
-/* m in [sqrt(1/2), sqrt(2)) and, as a number, the exponent *e of x = m 2^e; x finite >= FLT_MIN. */
-LULL_INLINE float lull_mantissa(float x, float *e)
-{
-    uint32_t bits = lull_bits(x);
-    int32_t exponent = (int32_t)(bits - 0x3f3504f3u) >> 23;
-    *e = (float)exponent;
-    return lull_float(bits - ((uint32_t)exponent << 23));
-}
-
-/* A logarithm in two parts, whole + part, with part in [-0.5, 0.5]. */
-typedef struct lull_logarithm {
-    float whole, part;
-} lull_logarithm;
-
-/* log2(x), x finite >= FLT_MIN. With s = (m-1)/(m+1), log2(m) = 2/ln(2) * atanh(s), an odd series.
- */
-LULL_INLINE lull_logarithm lull_log2_parts(float x)
-{
-    lull_logarithm l;
-    float m = lull_mantissa(x, &l.whole);
-    float s = (m - 1.0f) / (m + 1.0f);
-    float w = s * s;
-    float p = (0.431737901252f * w + 0.576714309537f) * (w * w)
-              + (0.961798848299f * w + 2.88539007979f);
-    l.part = s * p;
-    return l;
-}
-
 /* 1 if f is a NaN, whatever floating-point options the compiler was given. */
 LULL_INLINE int lull_is_nan(float f) { return (lull_bits(f) & 0x7fffffffu) > 0x7f800000u; }
-
-/* f where its magnitude is above the float of bits `least` and it is no NaN, else 0. */
-LULL_INLINE float lull_above(float f, uint32_t least)
-{
-    uint32_t magnitude = lull_bits(f) & 0x7fffffffu;
-    uint32_t keep = 0u - (uint32_t)((int32_t)magnitude > (int32_t)least);
-    keep &= 0u - (uint32_t)((int32_t)magnitude <= (int32_t)0x7f800000);
-    return lull_float(lull_bits(f) & keep);
-}
-
-/* lull_sanitize of one value (image.h). */
-LULL_INLINE float lull_sane(float v, float scale, float lo, float hi)
-{
-    v = lull_above(lull_above(v, 0x007fffffu) * scale, 0x00800000u); /* FLT_MIN */
-    v = v > lo ? v : lo;
-    return v < hi ? v : hi;
-}
 
 /* Little-endian loads from any address. */
 LULL_INLINE uint16_t lull_load_u16(const uint8_t *p) { return (uint16_t)(p[0] | p[1] << 8); }

@@ -19,25 +19,8 @@
 #ifndef LULL_BILATERAL_H
 #define LULL_BILATERAL_H
 
-#include "base.h"
+#include "pixels.h"
 
-#define LULL_BILATERAL_REACH 6         /* columns to either side */
-#define LULL_BILATERAL_FAR 12
-#define LULL_NOISE_CODES 384.0f        /* per 1 of noise */
-#define LULL_NOISE_EPSILON 0.06f       /* three times 0.02 */
-#define LULL_NOISE_WIDTH 0.0026041667f /* of weights, per noise code of three pixels */
-#define LULL_WIDEST 0.6f
-#define LULL_NARROWEST 0.001f
-#define LULL_GUIDE_SCALE 0.012288f /* of squared differences of codes */
-
-#define LULL_CELL 16u              /* pixels, in either direction */
-#define LULL_CELL_LEVEL 4u         /* log2 of it */
-#define LULL_CELL_SUMS 4u          /* of a cell: q, q q, what may be corrected, sparks */
-#define LULL_BALANCE_EPSILON 0.15f /* three times 0.05 */
-#define LULL_NOISE_SHARE 0.05f     /* of a correction, per noise code */
-#define LULL_MOST_LACKING 200.0f   /* of one pixel: single sparks are chance */
-#define LULL_SPARK 2.0f
-#define LULL_MOST_GAIN 0.5f
 #define LULL_GAIN_REACH 64u /* columns to either side on which a correction depends */
 
 /* A row of the result, 3 planes, `plane` floats apart, and its guide (kernels.h). */
@@ -72,17 +55,5 @@ typedef struct lull_balance {
     size_t sum_plane, v_plane, smooth_plane;
     unsigned pixels;
 } lull_balance;
-
-/* The correction of a cell from the sums of it and those around it: of the sum of q the share that
- * is not chance, 1 - (sum of q q) / (sum of q)^2, which is 0 for one pixel and 1 - 1/n for n alike,
- * spread over what may be corrected. Few sparks are not light but fireflies: of n of them no more
- * counts than 20 + 0.3 n^2. */
-LULL_INLINE float lull_cell_gain(float q, float squares, float base, float sparks)
-{
-    float share = 1.0f - squares / (q * q + 1e-6f), most = 20.0f + 0.3f * sparks * sparks;
-    float gain = (share > 0.0f ? share : 0.0f) * (q < most ? q : most) / (base + 32.0f);
-    gain = gain < -LULL_MOST_GAIN ? -LULL_MOST_GAIN : gain;
-    return gain > LULL_MOST_GAIN ? LULL_MOST_GAIN : gain;
-}
 
 #endif

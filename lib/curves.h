@@ -56,6 +56,25 @@ LULL_INLINE float nearest(float t)
     return (t + magic) - magic;
 }
 
+/* A logarithm in two parts, whole + part, with part in [-0.5, 0.5]. */
+typedef struct lull_logarithm {
+    float whole, part;
+} lull_logarithm;
+
+/* log2(x), x finite >= FLT_MIN. With s = (m-1)/(m+1), log2(m) = 2/ln(2) * atanh(s), an odd series.
+ */
+LULL_INLINE lull_logarithm lull_log2_parts(float x)
+{
+    lull_logarithm l;
+    float m = lull_mantissa(x, &l.whole);
+    float s = (m - 1.0f) / (m + 1.0f);
+    float w = s * s;
+    float p = (0.431737901252f * w + 0.576714309537f) * (w * w)
+              + (0.961798848299f * w + 2.88539007979f);
+    l.part = s * p;
+    return l;
+}
+
 /* 2^r - 1 for r in [-0.5, 0.5] and a little more. */
 LULL_INLINE float exp2m1_part(float r)
 {

@@ -89,6 +89,36 @@ void lull_exec_correct(const lull_task *t, unsigned x, unsigned y, unsigned n);
 /* Columns [x, x+n) of row y of the task's layer, if it is one of the filter. */
 void lull_exec_filter(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker);
 
+/* A part of a row of a U network's input, and of its auxiliary channels if those are apart: pixels,
+ * and bytes from one to the next. */
+typedef struct lull_direct {
+    uint8_t *to[2];
+    size_t pixel[2];
+} lull_direct;
+
+/* n pixels of a U network's input from column x of row y of the images on; they pass through
+ * `block`. */
+void lull_exec_direct(const lull_task *t, const lull_direct *row, float *block, unsigned x,
+                      unsigned y, unsigned n);
+
+/* The first three channels of n pixels of a U network's output, `pixel` bytes each, as floats. */
+void lull_exec_output(const lull_model *model, float *out, const uint8_t *row, size_t pixel,
+                      unsigned n);
+
+/* n pixels of the main image of family K, from column x of row y of the images on; brought to
+ * `block`, always so where rows are kept. */
+void lull_exec_main(lull_encoding *from, const lull_task *t, float *block, unsigned x, unsigned y,
+                    unsigned n);
+
+/* n pixels of an auxiliary image of family K: in place, or copied to `block`. NULL if there are
+ * none: after the main image, in the order of the bits. */
+const float *lull_exec_aux(const lull_task *t, unsigned feature, float *block, unsigned x,
+                           unsigned y, unsigned n);
+
+/* n pixels (r,g,b) of the result to image values: network values of family U, exposed radiance of
+ * K. */
+void lull_exec_finish(float *v, const lull_plan *plan, unsigned channels, unsigned n);
+
 /* Radiance of n pixels, at most LULL_BLOCK, from column x on of row y of the frame; it may be
  * brought to `block`. */
 void lull_exec_radiance(lull_encoding *from, const lull_task *t, float *block, unsigned x,

@@ -57,9 +57,8 @@ static void to_codes(uint16_t *codes, const float *v, const float *scale, float 
     }
 }
 
-/* Three channels of n pixels, from channel `at` on, of a U network's input from column x of row y
- * on. */
-static void put_input(const lull_plan *plan, const float *v, unsigned at, unsigned x, unsigned y,
+/* Three channels of n pixels, from channel `at` on, of a U network's input. */
+static void put_input(const lull_plan *plan, const float *v, unsigned at, const lull_direct *row,
                       unsigned n)
 {
     enum { SOME = 16 };
@@ -67,11 +66,11 @@ static void put_input(const lull_plan *plan, const float *v, unsigned at, unsign
     const unsigned main_channels = lull_graph_channels(graph, LULL_TENSOR_INPUT);
     const int is_aux = at >= main_channels;
     const unsigned tensor = is_aux ? LULL_TENSOR_AUX : LULL_TENSOR_INPUT;
-    const size_t pixel = lull_ring_pixel(&plan->ring[tensor]);
-    uint8_t *to = lull_exec_row(plan, tensor, y) + x * pixel;
+    const size_t pixel = row->pixel[is_aux];
+    uint8_t *to = row->to[is_aux];
     uint16_t codes[3 * SOME];
     float scale[3 * SOME];
-    if (plan->ring[tensor].dtype == LULL_DTYPE_F32) {
+    if (lull_graph_dtype(graph, tensor) == LULL_DTYPE_F32) {
         to += at * sizeof *v;
         for (unsigned i = 0; i < n; i++, to += pixel)
             memcpy(to, v + 3 * i, 3 * sizeof *v);
@@ -93,11 +92,11 @@ static void put_input(const lull_plan *plan, const float *v, unsigned at, unsign
     }
 }
 
-/* n pixels from column x on of row y of a U network's input: the features in the order of their
- * bits. */
-static void load_direct(const lull_task *t, float *block, unsigned x, unsigned y, unsigned n)
+/* The features in the order of their bits. */
+void lull_exec_direct(const lull_task *t, const lull_direct *row, float *block, unsigned x,
+                      unsigned y, unsigned n)
 {
-    lull_plan *plan = t->plan;
+    const lull_plan *plan = t->plan;
     lull_transfer transfer;
     unsigned at = 0;
     for (unsigned feature = 0; feature < 3; feature++) {
@@ -105,21 +104,33 @@ static void load_direct(const lull_task *t, float *block, unsigned x, unsigned y
             continue;
         transfer = at ? LULL_TRANSFER_LINEAR : lull_exec_content(&plan->frame).transfer;
         if (at == 0 && is_decoded(plan)) {
-            load_feature(block, t, feature, 1, LULL_TRANSFER_LINEAR, x, y - t->base_row, n);
+            load_feature(block, t, feature, 1, LULL_TRANSFER_LINEAR, x, y, n);
             lull_transfer_inverse(LULL_TRANSFER_SRGB, block, 3 * (size_t)n);
             lull_transfer_forward(transfer, block, 3 * (size_t)n);
         } else {
-            load_feature(block, t, feature, at == 0, transfer, x, y - t->base_row, n);
+            load_feature(block, t, feature, at == 0, transfer, x, y, n);
         }
-        put_input(plan, block, at, x - t->left, y, n);
+        put_input(plan, block, at, row, n);
         at += 3;
     }
 }
 
-/* n pixels of an auxiliary image of family K: in place, or copied to `block`. NULL if there are
- * none: after the main image, in the order of the bits. */
-static const float *aux_pixels(const lull_task *t, unsigned feature, float *block, unsigned x,
-                               unsigned y, unsigned n)
+/* n pixels from column x on of row y of a U network's input. */
+static void load_direct(const lull_task *t, float *block, unsigned x, unsigned y, unsigned n)
+{
+    static const uint8_t tensors[2] = {LULL_TENSOR_INPUT, LULL_TENSOR_AUX};
+    lull_direct row;
+    for (unsigned i = 0; i < 2; i++) {
+        row.pixel[i] = lull_ring_pixel(&t->plan->ring[tensors[i]]);
+        row.to[i] = lull_plan_has(t->plan, tensors[i])
+                        ? lull_exec_row(t->plan, tensors[i], y) + (x - t->left) * row.pixel[i]
+                        : NULL;
+    }
+    lull_exec_direct(t, &row, block, x, y - t->base_row, n);
+}
+
+const float *lull_exec_aux(const lull_task *t, unsigned feature, float *block, unsigned x,
+                           unsigned y, unsigned n)
 {
     const lull_image *image = lull_exec_feature(t->images, feature);
     const lull_frame *frame = &t->plan->frame;
@@ -132,9 +143,9 @@ static const float *aux_pixels(const lull_task *t, unsigned feature, float *bloc
     return pixels ? pixels : block;
 }
 
-/* n pixels of the main image. What the kernels cannot do is done before, in `block`. */
-static void main_pixels(lull_encoding *from, const lull_task *t, float *block, unsigned x,
-                        unsigned y, unsigned n)
+/* What the kernels cannot do is done before, in `block`. */
+void lull_exec_main(lull_encoding *from, const lull_task *t, float *block, unsigned x, unsigned y,
+                    unsigned n)
 {
     const lull_plan *plan = t->plan;
     lull_content_rule rule = lull_exec_content(&plan->frame);
@@ -159,7 +170,7 @@ void lull_exec_radiance(lull_encoding *from, const lull_task *t, float *block, u
                         unsigned y, unsigned n)
 {
     if (!t->plan->keeps_rows) {
-        main_pixels(from, t, block, x, y - t->base_row, n);
+        lull_exec_main(from, t, block, x, y - t->base_row, n);
         return;
     }
     from->radiance = lull_exec_floats(t->plan, LULL_TENSOR_RADIANCE, y, x - t->left);
@@ -188,11 +199,12 @@ static void load_kernel(const lull_task *t, float *block, unsigned x, unsigned y
     unsigned column = x - t->left, row = y - t->base_row;
     uint8_t *codes = lull_exec_row(plan, 0, y) + column * lull_ring_pixel(&plan->ring[0]);
     lull_encoding from;
-    main_pixels(&from, t,
-                plan->keeps_rows ? lull_exec_floats(plan, LULL_TENSOR_RADIANCE, y, column) : block,
-                x, row, n);
-    from.albedo = aux_pixels(t, 1, block + 3 * LULL_BLOCK, x, row, n);
-    from.normal = aux_pixels(t, 2, block + 6 * LULL_BLOCK, x, row, n);
+    lull_exec_main(
+        &from, t,
+        plan->keeps_rows ? lull_exec_floats(plan, LULL_TENSOR_RADIANCE, y, column) : block, x, row,
+        n);
+    from.albedo = lull_exec_aux(t, 1, block + 3 * LULL_BLOCK, x, row, n);
+    from.normal = lull_exec_aux(t, 2, block + 6 * LULL_BLOCK, x, row, n);
     from.flags = lull_filter_flags(&from, !lull_exec_content(&plan->frame).is_hdr);
     plan->model->kernels.encode(codes, &from, n);
     if (plan->keeps_rows)
@@ -225,9 +237,9 @@ void lull_exec_spread(void *context, unsigned index, unsigned worker)
     for (unsigned x = part.left; y < plan->frame.height && x < right; x += LULL_BLOCK) {
         unsigned n = lull_min_u(LULL_BLOCK, right - x);
         float *block = lull_exec_scratch(t, worker);
-        const float *albedo = aux_pixels(t, 1, block, x, y - t->base_row, n), *normal = NULL;
+        const float *albedo = lull_exec_aux(t, 1, block, x, y - t->base_row, n), *normal = NULL;
         if (lull_plan_has(plan, LULL_TENSOR_GUIDE))
-            normal = aux_pixels(t, 2, block + 3 * LULL_BLOCK, x, y - t->base_row, n);
+            normal = lull_exec_aux(t, 2, block + 3 * LULL_BLOCK, x, y - t->base_row, n);
         load_aux(t, albedo, normal, x, y, n);
     }
 }
@@ -293,9 +305,7 @@ static float unscale_of(const lull_plan *plan)
     return plan->scale != 0.0f ? 1.0f / plan->scale : 0.0f;
 }
 
-/* n pixels (r,g,b) of the result to image values: network values of family U, exposed radiance of
- * K. */
-static void finish(float *v, const lull_plan *plan, unsigned channels, unsigned n)
+void lull_exec_finish(float *v, const lull_plan *plan, unsigned channels, unsigned n)
 {
     lull_content_rule rule = lull_exec_content(&plan->frame);
     int is_family_u = plan->model->graph.family == LULL_FAMILY_U;
@@ -320,23 +330,22 @@ static void finish(float *v, const lull_plan *plan, unsigned channels, unsigned 
     }
 }
 
-/* The first three channels of n pixels of the network's output as floats. */
-static void get_output(const lull_plan *plan, float *out, const uint8_t *row, unsigned n)
+void lull_exec_output(const lull_model *model, float *out, const uint8_t *row, size_t pixel,
+                      unsigned n)
 {
-    const lull_ring *ring = &plan->ring[plan->model->graph.layers];
-    const size_t pixel = lull_ring_pixel(ring);
-    const float scale = plan->model->output_scale;
-    if (ring->dtype == LULL_DTYPE_F32 && pixel == 3 * sizeof *out) {
+    const float scale = model->output_scale;
+    const size_t words = pixel / sizeof(uint16_t);
+    if (!model->graph.is_integer && pixel == 3 * sizeof *out) {
         memcpy(out, row, n * pixel);
-    } else if (ring->dtype == LULL_DTYPE_F32) {
+    } else if (!model->graph.is_integer) {
         for (unsigned i = 0; i < n; i++)
             memcpy(out + 3 * i, row + i * pixel, 3 * sizeof *out);
     } else {
         const uint16_t *codes = (const uint16_t *)(const void *)row;
-        for (unsigned i = 0; ring->channels == 3 && i < 3 * n; i++)
+        for (unsigned i = 0; words == 3 && i < 3 * n; i++)
             out[i] = (float)(int)codes[i] * scale;
-        for (unsigned i = 0; ring->channels > 3 && i < 3 * n; i++)
-            out[i] = (float)(int)codes[i / 3 * ring->channels + i % 3] * scale;
+        for (unsigned i = 0; words > 3 && i < 3 * n; i++)
+            out[i] = (float)(int)codes[i / 3 * words + i % 3] * scale;
     }
 }
 
@@ -363,14 +372,15 @@ void lull_exec_store_part(const lull_task *t, unsigned x, unsigned y, unsigned c
     lull_plan *plan = t->plan;
     unsigned last = plan->model->graph.layers, end = x + columns;
     const uint8_t *row = lull_exec_row(plan, last, y);
+    size_t pixel = lull_ring_pixel(&plan->ring[last]);
     float *block = lull_exec_scratch(t, worker);
     for (; x < end; x += LULL_BLOCK) {
         unsigned n = lull_min_u(LULL_BLOCK, end - x);
         if (plan->model->graph.family == LULL_FAMILY_U)
-            get_output(plan, block, row + (x - t->left) * lull_ring_pixel(&plan->ring[last]), n);
+            lull_exec_output(plan->model, block, row + (x - t->left) * pixel, pixel, n);
         else if (store_modulated(t, block, x, y, n))
             continue;
-        finish(block, plan, t->images->output.channels, n);
+        lull_exec_finish(block, plan, t->images->output.channels, n);
         lull_image_store(&t->images->output, plan->frame.width, x, y - t->base_row, n, block);
     }
 }

@@ -94,25 +94,11 @@ static void find_gains(float *gain, const cell_rows *cells, int x, unsigned n)
         gain[k] += cells->part * (below[k] - gain[k]);
 }
 
-/* The cell before the centre between two cells at which pixel i lies, or the next one, of `count`
- * that there are. */
-static int cell_near(unsigned i, unsigned next, unsigned count)
-{
-    int cell = (int)((i + LULL_CELL / 2) / LULL_CELL + next) - 1;
-    return cell < 0 ? 0 : cell >= (int)count ? (int)count - 1 : cell;
-}
-
-/* How far it lies on the way from one to the other. */
-static float cell_part(unsigned i)
-{
-    return ((float)((i + LULL_CELL / 2) % LULL_CELL) + 0.5f) * (1.0f / LULL_CELL);
-}
-
 /* n pixels between the centres of two cells whose gains are given. */
 static void correct(float *out, size_t out_plane, const float *v, size_t plane,
                     const uint8_t *noise, float before, float after, unsigned x, unsigned n)
 {
-    float first = cell_part(x), g[LULL_CELL];
+    float first = lull_cell_part((int)x), g[LULL_CELL];
     for (unsigned i = 0; i < n; i++) {
         float w = noise[i] * LULL_NOISE_SHARE;
         g[i] = (before + (first + (float)i * (1.0f / LULL_CELL)) * (after - before)) *
@@ -129,28 +115,29 @@ void lull_exec_correct(const lull_task *t, unsigned x, unsigned y, unsigned n)
     const lull_layer *layer = &plan->model->graph.layer[t->layer];
     unsigned tensor = layer->source[0], sums = layer->source[1], width = lull_exec_inside(t);
     unsigned down = (plan->frame.height + LULL_CELL - 1) / LULL_CELL;
-    unsigned across = (t->left + width + LULL_CELL - 1) / LULL_CELL;
+    int across = (int)((t->left + width + LULL_CELL - 1) / LULL_CELL);
     size_t plane = lull_exec_plane(plan, tensor), out_plane = lull_exec_plane(plan, t->layer + 1);
     unsigned end = y < plan->frame.height ? lull_min_u(x + n, width) : 0;
     int held = (int)(t->left / LULL_CELL); /* the first cell that is */
     cell_rows cells;
     cells.plane = lull_exec_plane(plan, sums);
-    cells.part = cell_part(y);
+    cells.part = lull_cell_part((int)y);
     for (unsigned k = 0; k < 6; k++) {
-        int row = cell_near(y, k / 3, down) + (int)(k % 3) - 1;
+        int row = lull_cell_near((int)y, (int)k / 3, (int)down) + (int)(k % 3) - 1;
         cells.rows[k / 3][k % 3] = (const float *)(const void *)lull_exec_source(plan, sums, row);
     }
     while (x < end) {
         unsigned stop = lull_min_u(x + (SOME - 2) * LULL_CELL, end);
-        int first = cell_near(t->left + x, 0, across), last;
+        int first = lull_cell_near((int)(t->left + x), 0, across), last;
         float gain[SOME];
         first = first < held ? held : first;
-        last = cell_near(t->left + stop - 1, 1, across);
+        last = lull_cell_near((int)(t->left + stop) - 1, 1, across);
         find_gains(gain, &cells, first - held, (unsigned)(last - first) + 1);
         while (x < stop) {
             unsigned at = t->left + x;
             unsigned count = LULL_CELL - (at + LULL_CELL / 2) % LULL_CELL;
-            int near = cell_near(at, 0, across), next = cell_near(at, 1, across);
+            int near = lull_cell_near((int)at, 0, across);
+            int next = lull_cell_near((int)at, 1, across);
             count = lull_min_u(count, stop - x);
             near = near < first ? first : near;
             correct(lull_exec_floats(plan, t->layer + 1, y, x), out_plane,

@@ -14,11 +14,9 @@ static void blend_pixel(const lull_blending *b, int first, int last, unsigned i)
     beside = beside < first ? first : beside;
     for (size_t c = 0; c < 3; c++) {
         const float *near = b->near + c * b->coarse_plane, *far = b->far + c * b->coarse_plane;
-        float fine = b->fine[c * b->fine_plane + i];
-        float here = 0.75f * near[x] + 0.25f * far[x];
-        float there = 0.75f * near[beside] + 0.25f * far[beside];
-        float up = 0.75f * here + 0.25f * there;
-        b->out[c * b->out_plane + i] = fine + b->table[b->codes[i]] * (up - fine);
+        b->out[c * b->out_plane + i] =
+            lull_blended(b->fine[c * b->fine_plane + i], b->table[b->codes[i]], near[x], far[x],
+                         near[beside], far[beside]);
     }
 }
 

@@ -2,6 +2,8 @@
  * rows, the common case, go as whole rows. */
 #include "image.h"
 
+#include "pixels.h"
+
 #define TYPE_COUNT 2
 #define INFINITY_BITS UINT32_C(0x7f800000)
 

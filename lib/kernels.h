@@ -113,19 +113,6 @@ typedef struct lull_conv {
  * modulate: out = S(v * smooth, 1, 0, FLT_MAX) * unscale; out is an image.
  *
  * luminance: sums[p] += (0.212671 r + 0.715160 g) + 0.072169 b, of S(r, 1, 0, FLT_MAX) etc. */
-#define LULL_RADIANCE_MAX 65504.0f
-#define LULL_FILTER_EPSILON 0.02f
-#define LULL_LARGEST 3.402823466e38f /* FLT_MAX */
-#define LULL_LOG_GAIN 32.0f
-#define LULL_CODES_PER_OCTAVE 21.2493764f /* 255 / log2(1 + 32 * 128) */
-/* A code of u = m 2^e, m in [sqrt(1/2), sqrt(2)), t = m - 1: e LULL_CODES_PER_OCTAVE + t
- * ((LULL_LOG_2 t + LULL_LOG_1) + (t t) (LULL_LOG_4 t + LULL_LOG_3)), within 0.0022 of the
- * logarithm's. */
-#define LULL_LOG_1 30.6365147f
-#define LULL_LOG_2 -15.4037612f
-#define LULL_LOG_3 10.996752f
-#define LULL_LOG_4 -7.00442797f
-
 typedef struct lull_encoding {
     const float *radiance, *albedo, *normal;
     float scale, most;

@@ -127,7 +127,7 @@ bool lull_ladder_find(lull_ladder *ladder, OIDNFilter filter, const lull_frame *
 
     memset(ladder, 0, sizeof *ladder);
     if (filter->values[lull_value_quality].i != LULL_QUALITY_AUTO || filter->weights_bytes ||
-        is_small(frame))
+        filter->device->engine || is_small(frame))
         return true;
     if (!add_rung(ladder, filter, OIDN_QUALITY_FAST, frame, model, fault) ||
         !add_rung(ladder, filter, OIDN_QUALITY_BALANCED, frame, model, fault))

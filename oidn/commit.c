@@ -121,10 +121,13 @@ static bool find_overlap(OIDNFilter filter, unsigned features, bool *staged)
 
 void lull_filter_free_plan(OIDNFilter filter)
 {
+    if (filter->engine_plan)
+        filter->device->engine->free_plan(filter->engine_plan);
     lull_os_free(filter->plan_memory);
     lull_os_free(filter->stage);
     lull_os_free(filter->ladder.memory);
     memset(&filter->ladder, 0, sizeof filter->ladder);
+    filter->engine_plan = NULL;
     filter->plan_memory = NULL;
     filter->plan = NULL;
     filter->stage = NULL;
@@ -148,6 +151,7 @@ static bool set_limits(OIDNFilter filter, const lull_model *model, size_t fixed,
                        lull_fault *fault)
 {
     const int megabytes = filter->values[lull_value_max_memory_mb].i;
+    lull_engine *engine = filter->device->engine;
     lull_model_info info;
     size_t floor;
 
@@ -159,7 +163,10 @@ static bool set_limits(OIDNFilter filter, const lull_model *model, size_t fixed,
         frame->row_step = 2;
         return true;
     }
-    floor = lull_plan_minimum(frame, model);
+    floor = engine ? (size_t)engine->minimum(engine, frame, model, fault)
+                   : lull_plan_minimum(frame, model);
+    if (fault->code != OIDN_ERROR_NONE)
+        return false;
     if ((uint64_t)fixed + floor > (uint64_t)megabytes << 20)
         return lull_fail(fault, OIDN_ERROR_OUT_OF_MEMORY,
                          "maxMemoryMB is %d, but this filter needs at least %llu bytes (%llu MB)",
@@ -170,13 +177,13 @@ static bool set_limits(OIDNFilter filter, const lull_model *model, size_t fixed,
     return true;
 }
 
-/* Memory for the plan, and for what goes with it. */
+/* Memory for the core's plan, if that is what there will be, and for what goes with it. */
 static bool allocate(OIDNFilter filter, size_t plan_bytes, size_t stage_bytes,
                      const lull_ladder *ladder, lull_fault *fault)
 {
     lull_filter_free_plan(filter);
-    filter->plan_memory = lull_os_alloc(plan_bytes);
-    if (!filter->plan_memory)
+    filter->plan_memory = plan_bytes ? lull_os_alloc(plan_bytes) : NULL;
+    if (plan_bytes && !filter->plan_memory)
         return lull_fail(fault, OIDN_ERROR_OUT_OF_MEMORY, "out of memory: plan of %llu bytes",
                          (unsigned long long)plan_bytes);
     if (stage_bytes) {
@@ -197,8 +204,9 @@ static bool allocate(OIDNFilter filter, size_t plan_bytes, size_t stage_bytes,
     return true;
 }
 
-static bool make_plan(OIDNFilter filter, const lull_frame *frame, const lull_model *model,
-                      size_t stage_bytes, const lull_ladder *ladder, lull_fault *fault)
+/* The core's plan. */
+static bool make_core_plan(OIDNFilter filter, const lull_frame *frame, const lull_model *model,
+                           size_t stage_bytes, const lull_ladder *ladder, lull_fault *fault)
 {
     const size_t size = ladder->rungs ? lull_ladder_plan_size(ladder, frame)
                                       : lull_plan_size(frame, model);
@@ -215,6 +223,31 @@ static bool make_plan(OIDNFilter filter, const lull_frame *frame, const lull_mod
     lull_plan_get_info(filter->plan, &filter->plan_info);
     filter->plan_bytes = bytes;
     filter->ladder.at = ladder->rungs ? ladder->rungs - 1 : 0;
+    return true;
+}
+
+/* The engine's. */
+static bool make_engine_plan(OIDNFilter filter, const lull_frame *frame, const lull_model *model,
+                             size_t stage_bytes, const lull_ladder *ladder, lull_fault *fault)
+{
+    lull_engine *engine = filter->device->engine;
+
+    if (!allocate(filter, 0, stage_bytes, ladder, fault))
+        return false;
+    filter->engine_plan = engine->new_plan(engine, frame, model, fault);
+    if (!filter->engine_plan)
+        return false;
+    engine->get_info(filter->engine_plan, &filter->plan_info);
+    return true;
+}
+
+static bool make_plan(OIDNFilter filter, const lull_frame *frame, const lull_model *model,
+                      size_t stage_bytes, const lull_ladder *ladder, lull_fault *fault)
+{
+    if (!(filter->device->engine
+              ? make_engine_plan(filter, frame, model, stage_bytes, ladder, fault)
+              : make_core_plan(filter, frame, model, stage_bytes, ladder, fault)))
+        return false;
     filter->frame = *frame;
     filter->model = model;
     filter->stage_bytes = stage_bytes;
@@ -336,7 +369,7 @@ static bool prepare(OIDNFilter filter, bool may_change, bool *busy, lull_fault *
     if (!choose_model(filter, &frame, &model, &model_bytes, fault))
         return false;
     frame.in_place = find_overlap(filter, frame.features, &staged);
-    if (staged) {
+    if (staged || (frame.in_place && filter->device->engine)) {
         frame.in_place = 0;
         stage_bytes = output->width * output->height * lull_format_bytes(output->format);
     }
@@ -345,8 +378,9 @@ static bool prepare(OIDNFilter filter, bool may_change, bool *busy, lull_fault *
     model_bytes += ladder.weights_bytes;
     if (!set_limits(filter, model, model_bytes + ladder.sample_bytes + stage_bytes, &frame, fault))
         return false;
-    if (!filter->plan || filter->model != model || filter->stage_bytes != stage_bytes ||
-        !same_frame(&filter->frame, &frame) || !lull_ladder_same(&filter->ladder, &ladder)) {
+    if ((!filter->plan && !filter->engine_plan) || filter->model != model ||
+        filter->stage_bytes != stage_bytes || !same_frame(&filter->frame, &frame) ||
+        !lull_ladder_same(&filter->ladder, &ladder)) {
         *busy = !may_change;
         if (!may_change)
             return true;

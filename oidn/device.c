@@ -61,6 +61,30 @@ static OIDNDevice new_cpu_device(void)
     return device;
 }
 
+/* A device whose filters OpenCL executes; the processor loads and stores pixels for it. */
+static OIDNDevice new_opencl_device(void)
+{
+#if LULL_WITH_OPENCL
+    lull_fault fault = {OIDN_ERROR_NONE, ""};
+    lull_engine *engine = lull_opencl_open(&fault);
+    OIDNDevice device = engine ? new_cpu_device() : NULL;
+
+    if (device) {
+        device->engine = engine;
+        device->values[lull_value_type].i = LULL_DEVICE_TYPE_OPENCL;
+    } else if (engine) {
+        engine->close(engine);
+    } else {
+        lull_errors_report(NULL, &fault);
+    }
+    return device;
+#else
+    lull_global_error(OIDN_ERROR_UNSUPPORTED_HARDWARE,
+                      "unsupported device type: this build is without OpenCL");
+    return NULL;
+#endif
+}
+
 OIDN_API OIDNDevice oidnNewDeviceByID(int physicalDeviceID)
 {
     if (physicalDeviceID >= 0 && physicalDeviceID < oidnGetNumPhysicalDevices())
@@ -74,6 +98,8 @@ OIDN_API OIDNDevice oidnNewDevice(OIDNDeviceType type)
 {
     static const char *const names[] = {"default", "CPU", "SYCL", "CUDA", "HIP", "Metal"};
 
+    if ((int)type == LULL_DEVICE_TYPE_OPENCL)
+        return new_opencl_device();
     if ((int)type < 0 || (size_t)type >= sizeof names / sizeof *names)
         lull_global_error(OIDN_ERROR_UNKNOWN, "unknown device type: %d", (int)type);
     else if (type > OIDN_DEVICE_TYPE_CPU || oidnGetNumPhysicalDevices() == 0)
@@ -104,11 +130,22 @@ void lull_device_destroy(OIDNDevice device)
         lull_queue_stop(device);
         lull_pool_free(device->pool);
     }
+    if (device->engine)
+        device->engine->close(device->engine);
     for (i = 0; i < LULL_MAX_BUILTIN; i++)
         lull_weights_free(&device->builtin[i]);
     lull_errors_free(&device->errors);
     lull_mutex_destroy(&device->lock);
     lull_os_free(device);
+}
+
+OIDN_API const char *lull_device_name(OIDNDevice device)
+{
+    if (!device)
+        lull_global_error(OIDN_ERROR_INVALID_ARGUMENT, "handle is null");
+    else
+        return device->engine ? device->engine->name : oidnGetPhysicalDeviceString(0, "name");
+    return NULL;
 }
 
 OIDN_API void oidnRetainDevice(OIDNDevice device)
@@ -224,8 +261,8 @@ static void print_banner(OIDNDevice device)
 #if defined(__VERSION__)
     printf("  Compiler: " __VERSION__ "\n");
 #endif
-    printf("  Device  : %s\n", brand);
-    printf("    Type  : CPU\n");
+    printf("  Device  : %s\n", device->engine ? device->engine->name : brand);
+    printf("    Type  : %s\n", device->engine ? "OpenCL" : "CPU");
     printf("    ISA   : %s\n", strongest_port(device->ports));
     printf("  Threads : %d (%s)\n", device->values[lull_value_num_threads].i,
            device->values[lull_value_set_affinity].i ? "pinned" : "not pinned");
@@ -243,6 +280,8 @@ static bool commit(OIDNDevice device, lull_fault *fault)
 
     if (device->committed)
         return lull_fail(fault, OIDN_ERROR_INVALID_OPERATION, "device can be committed only once");
+    if (device->engine && !device->engine->build(device->engine, fault))
+        return false;
     cpus = lull_os_alloc(sizeof *cpus);
     if (!cpus)
         return lull_fail(fault, OIDN_ERROR_OUT_OF_MEMORY, "out of memory");

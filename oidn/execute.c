@@ -67,8 +67,10 @@ static void run_filter(const lull_job *job, lull_fault *fault)
         images.output.pixel_stride = images.output.row_stride = 0;
     }
     lull_pool_enter(state.pool);
-    status = filter->ladder.rungs ? lull_ladder_run(filter, &images, &host, &quality)
-                                  : lull_run(filter->plan, &images, &host);
+    status = filter->engine_plan
+                 ? filter->device->engine->run(filter->engine_plan, &images, &host, fault)
+             : filter->ladder.rungs ? lull_ladder_run(filter, &images, &host, &quality)
+                                    : lull_run(filter->plan, &images, &host);
     lull_pool_leave(state.pool);
     if (status == LULL_OK && filter->stage)
         copy_stage(&job->images.output, filter->stage, filter->frame.width, filter->frame.height);

@@ -14,6 +14,7 @@
 #define OIDN_LEGACY_1X
 #include "include/OpenImageDenoise/lull_quality.h"
 #include "include/OpenImageDenoise/oidn.h"
+#include "include/OpenImageDenoise/lull_device.h"
 
 #include "../lib/lull.h"
 #include "os.h"
@@ -189,6 +190,33 @@ bool lull_queue_is_self(const lull_queue *queue);
 /* Stops the thread after all jobs. */
 void lull_queue_stop(OIDNDevice device);
 
+/* ---- Engines --------------------------------------------------------------------------------- */
+
+/* Hardware of its own that executes filters in the core's place: what the core calls lull_plan_...
+ * and lull_run. Its plans run on the queue's thread, one at a time; the rest is called with the
+ * device locked. */
+typedef struct lull_engine_plan lull_engine_plan;
+typedef struct lull_engine lull_engine;
+struct lull_engine {
+    const char *name; /* of the hardware */
+    bool (*build)(lull_engine *engine, lull_fault *fault); /* by the device's commit */
+    void (*close)(lull_engine *engine);
+    /* 0: a fault */
+    uint64_t (*minimum)(lull_engine *engine, const lull_frame *frame, const lull_model *model,
+                        lull_fault *fault);
+    /* NULL: a fault */
+    lull_engine_plan *(*new_plan)(lull_engine *engine, const lull_frame *frame,
+                                  const lull_model *model, lull_fault *fault);
+    void (*free_plan)(lull_engine_plan *plan);
+    void (*get_info)(const lull_engine_plan *plan, lull_plan_info *info);
+    /* The output must not overlap inputs. Faults of its own come with any status but LULL_OK. */
+    lull_status (*run)(lull_engine_plan *plan, const lull_images *images, const lull_host *host,
+                       lull_fault *fault);
+};
+
+/* The engine of OpenCL devices (opencl/device.c), where the build has it; NULL: a fault. */
+lull_engine *lull_opencl_open(lull_fault *fault);
+
 /* ---- Objects --------------------------------------------------------------------------------- */
 
 /* Weights ready to run: a core model in memory of its own. */
@@ -209,6 +237,7 @@ struct OIDNDeviceImpl {
     bool committed, dirty;
     bool affinity_asked; /* setAffinity was set, not left at its default */
     uint32_t ports;
+    lull_engine *engine; /* NULL: the core */
     lull_pool *pool;
     lull_queue queue;
     lull_weights builtin[LULL_MAX_BUILTIN]; /* filled when first used */
@@ -273,6 +302,7 @@ struct OIDNFilterImpl {
     lull_weights weights; /* of `weights` */
     lull_plan *plan;      /* NULL: none; made for `frame` and `model` */
     void *plan_memory;
+    lull_engine_plan *engine_plan; /* in its place, if the device has an engine */
     size_t plan_bytes;
     lull_plan_info plan_info;
     lull_frame frame;

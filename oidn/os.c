@@ -8,6 +8,9 @@
 #include <string.h>
 #include <time.h>
 
+#if LULL_WITH_OPENCL && !defined(_WIN32)
+#include <dlfcn.h>
+#endif
 #if !defined(_WIN32)
 #include <sched.h>
 #include <signal.h>
@@ -248,6 +251,34 @@ int lull_thread_pin(int cpu)
 
 #endif /* POSIX */
 #endif /* LULL_WITH_THREADS */
+
+/* ---- Libraries ------------------------------------------------------------------------------- */
+
+#if LULL_WITH_OPENCL && defined(_WIN32)
+
+void *lull_library_open(const char *name) { return (void *)LoadLibraryA(name); }
+
+int lull_library_find(void *library, const char *name, void *function, size_t bytes)
+{
+    FARPROC found = GetProcAddress((HMODULE)library, name);
+
+    memcpy(function, &found, bytes);
+    return found != NULL;
+}
+
+#elif LULL_WITH_OPENCL
+
+void *lull_library_open(const char *name) { return dlopen(name, RTLD_NOW | RTLD_LOCAL); }
+
+int lull_library_find(void *library, const char *name, void *function, size_t bytes)
+{
+    void *found = dlsym(library, name);
+
+    memcpy(function, &found, bytes);
+    return found != NULL;
+}
+
+#endif
 
 /* ---- Clock and process ----------------------------------------------------------------------- */
 

@@ -11,6 +11,10 @@
 #define LULL_WITH_THREADS 1
 #endif
 
+#ifndef LULL_WITH_OPENCL
+#define LULL_WITH_OPENCL 0 /* it needs a source file that the build makes */
+#endif
+
 #if LULL_WITH_THREADS && defined(_WIN32)
 #ifndef WIN32_LEAN_AND_MEAN
 #define WIN32_LEAN_AND_MEAN
@@ -79,6 +83,17 @@ long lull_process_id(void);
 
 /* Monotonic nanoseconds. */
 uint64_t lull_clock_ns(void);
+
+/* ---- Libraries ------------------------------------------------------------------------------- */
+
+#if LULL_WITH_OPENCL
+/* A shared library, loaded at run time and for good; NULL if it cannot be. */
+void *lull_library_open(const char *name);
+
+/* Stores the address of a function of it in a pointer of `bytes` bytes; 0 if it has none of that
+ * name. */
+int lull_library_find(void *library, const char *name, void *function, size_t bytes);
+#endif
 
 /* ---- Atomics --------------------------------------------------------------------------------- */
 

@@ -51,6 +51,12 @@ llvm_package() { # the newest one that the distribution has
     echo libllvm19
 }
 
+# Some driver of OpenCL, and the library that finds it.
+has_opencl() {
+    "$python" -c 'import ctypes; ctypes.CDLL("libOpenCL.so.1")' &&
+        [ -n "$(ls /etc/OpenCL/vendors/*.icd)" ]
+}
+
 # Exit status of this Python program: whether C++ operations of training can be compiled.
 has_headers='import os, sysconfig; assert os.path.exists(sysconfig.get_path("include") + "/Python.h")'
 
@@ -60,6 +66,7 @@ find_wanted() {
     [ "$what" = check ] || return 0
     need g++ command -v c++
     need python3-dev "$python" -c "$has_headers"
+    need "pocl-opencl-icd ocl-icd-libopencl1" has_opencl
     need libsimde-dev [ -e /usr/include/simde ]
     need "$(llvm_package)" llvm_is_there
     [ "${CI:-}" = true ] || return 0

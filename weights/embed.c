@@ -1,13 +1,18 @@
-/* Build-time tool: turns the weights files that builtin.def names into one C file of byte arrays.
+/* Build-time tool: turns files into one C file of arrays.
  *
- *     embed DIRECTORY OUTPUT.c
+ *     embed DIRECTORY OUTPUT.c               the weights files that builtin.def names
+ *     embed --text NAME OUTPUT.c FILE...     texts, one after the other, as a string
  *
  * Each row BUILTIN(id, file, ...), file a string relative to DIRECTORY, gives
  *
  *     const unsigned char lull_weights_<id>[];       aligned to 64 bytes
  *     const size_t lull_weights_<id>_bytes;
  *
- * A file named by several rows is stored once for each. Errors: one line on stderr, exit status 1,
+ * A file named by several rows is stored once for each. Texts give
+ *
+ *     const char NAME[];                             NUL-terminated
+ *
+ * Errors: one line on stderr, exit status 1,
  * and no output file. */
 #include <errno.h>
 #include <stdio.h>
@@ -30,61 +35,93 @@ static int fail(const char *what, const char *why)
     return 0;
 }
 
+/* Writes the bytes of a file as numbers. Returns how many, or 0 after a message. */
+static unsigned long put_bytes(FILE *out, const char *path)
+{
+    FILE *in = fopen(path, "rb");
+    unsigned long bytes = 0;
+    int c;
+
+    if (!in) {
+        fail(path, strerror(errno));
+        return 0;
+    }
+    while ((c = getc(in)) != EOF)
+        fprintf(out, "%s%d,", bytes++ % 24 ? "" : "\n", c);
+    if (ferror(in) || !bytes) {
+        fail(path, bytes ? "cannot read" : "empty file");
+        bytes = 0;
+    }
+    fclose(in);
+    return bytes;
+}
+
 /* Writes the array of one weights file. Returns 1, or 0 after a message. */
 static int embed(FILE *out, const char *directory, const char *id, const char *file)
 {
     char path[4096];
-    FILE *in;
-    unsigned long bytes = 0;
-    int c;
+    unsigned long bytes;
 
     if (snprintf(path, sizeof path, "%s/%s", directory, file) >= (int)sizeof path)
         return fail(file, "path too long");
-    in = fopen(path, "rb");
-    if (!in)
-        return fail(path, strerror(errno));
     fprintf(out, "\nextern const unsigned char lull_weights_%s[];\n", id);
     fprintf(out, "extern const size_t lull_weights_%s_bytes;\n", id);
     fprintf(out, "ALIGNED const unsigned char lull_weights_%s[] = {", id);
-    while ((c = getc(in)) != EOF)
-        fprintf(out, "%s%d,", bytes++ % 24 ? "" : "\n", c);
+    bytes = put_bytes(out, path);
     fprintf(out, "\n};\nconst size_t lull_weights_%s_bytes = %luu;\n", id, bytes);
-    if (ferror(in) || !bytes) {
-        fail(path, bytes ? "cannot read" : "empty file");
-        fclose(in);
-        return 0;
-    }
-    fclose(in);
-    return 1;
+    return bytes != 0;
 }
 
-int main(int argc, char **argv)
+static int embed_builtins(FILE *out, const char *directory)
 {
-    char temporary[4096];
-    FILE *out;
     int ok = 1;
 
-    if (argc != 3) {
-        fprintf(stderr, "usage: embed DIRECTORY OUTPUT.c\n");
-        return 1;
-    }
-    if (snprintf(temporary, sizeof temporary, "%s.new", argv[2]) >= (int)sizeof temporary)
-        return !fail(argv[2], "path too long");
-    out = fopen(temporary, "w");
-    if (!out)
-        return !fail(temporary, strerror(errno));
     fputs("/* Made by weights/embed.c from the files that weights/builtin.def names. */\n"
           "#include <stddef.h>\n\n"
           "#if defined(__GNUC__)\n#define ALIGNED __attribute__((aligned(64)))\n"
           "#else\n#define ALIGNED\n#endif\n",
           out);
     for (size_t i = 0; ok && builtins[i].id; i++)
-        ok = embed(out, argv[1], builtins[i].id, builtins[i].file);
+        ok = embed(out, directory, builtins[i].id, builtins[i].file);
+    return ok;
+}
+
+static int embed_texts(FILE *out, const char *name, char **files, int count)
+{
+    int ok = 1;
+
+    fprintf(out, "/* Made by weights/embed.c. */\nextern const char %s[];\n", name);
+    fprintf(out, "const char %s[] = {", name);
+    for (int i = 0; ok && i < count; i++)
+        ok = put_bytes(out, files[i]) != 0;
+    fputs("0};\n", out);
+    return ok;
+}
+
+int main(int argc, char **argv)
+{
+    const int is_text = argc > 4 && !strcmp(argv[1], "--text");
+    const char *path = is_text ? argv[3] : argv[2];
+    char temporary[4096];
+    FILE *out;
+    int ok;
+
+    if (argc != 3 && !is_text) {
+        fprintf(stderr, "usage: embed DIRECTORY OUTPUT.c\n"
+                        "       embed --text NAME OUTPUT.c FILE...\n");
+        return 1;
+    }
+    if (snprintf(temporary, sizeof temporary, "%s.new", path) >= (int)sizeof temporary)
+        return !fail(path, "path too long");
+    out = fopen(temporary, "w");
+    if (!out)
+        return !fail(temporary, strerror(errno));
+    ok = is_text ? embed_texts(out, argv[2], argv + 4, argc - 4) : embed_builtins(out, argv[1]);
     if (fclose(out) && ok)
         ok = fail(temporary, "cannot write");
-    remove(argv[2]); /* rename does not replace on every system */
-    if (ok && rename(temporary, argv[2]))
-        ok = fail(argv[2], strerror(errno));
+    remove(path); /* rename does not replace on every system */
+    if (ok && rename(temporary, path))
+        ok = fail(path, strerror(errno));
     if (!ok)
         remove(temporary);
     return !ok;

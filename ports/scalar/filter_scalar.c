@@ -1,46 +1,17 @@
 /* The filter of family K beside its 5x5 sums. */
 #include "port_scalar.h"
 
-static uint8_t to_code(float v)
-{
-    float code = v + 0.5f;
-    return code < 255.0f ? (uint8_t)code : 255;
-}
-
-/* Logarithm of u >= 1 in codes (kernels.h). */
-static float log_code(float u)
-{
-    float e, t = lull_mantissa(u, &e) - 1.0f;
-    float p = LULL_LOG_2 * t + LULL_LOG_1, q = LULL_LOG_4 * t + LULL_LOG_3;
-    return e * LULL_CODES_PER_OCTAVE + t * (p + t * t * q);
-}
-
-/* Shares of v, in its place (kernels.h). */
-static void shares(float *v, float top, float bottom)
-{
-    float first = v[0] * v[1], share = top / (first * v[2] * bottom), other = v[0] * v[2];
-    v[0] = v[1] * v[2] * share;
-    v[1] = other * share;
-    v[2] = first * share;
-}
-
-static uint8_t normal_code(float n)
-{
-    return to_code(lull_sane(n, 1.0f, -1.0f, 1.0f) * 127.5f + 127.5f);
-}
-
 static float radiance_at(const lull_encoding *from, size_t i)
 {
     return lull_sane(from->radiance[i], from->scale, 0.0f, from->most);
 }
 
-/* Albedo of a pixel, sanitised: where there is none, white. */
+/* Albedo of a pixel, as it counts. */
 static void get_albedo(float *a, const float *pixel)
 {
     for (unsigned c = 0; c < 3; c++)
-        a[c] = lull_sane(pixel[c], 1.0f, 0.0f, 1.0f);
-    if (!(a[0] + a[1] + a[2] > 0.0f))
-        a[0] = a[1] = a[2] = 1.0f;
+        a[c] = pixel[c];
+    lull_sane_albedo(a);
 }
 
 void lull_encode_scalar(uint8_t *codes, const lull_encoding *from, unsigned pixels)
@@ -52,12 +23,11 @@ void lull_encode_scalar(uint8_t *codes, const lull_encoding *from, unsigned pixe
             get_albedo(a, albedo + 3 * i);
         for (size_t c = 0; c < 3; c++)
             share[c] = a[c] + LULL_FILTER_EPSILON;
-        shares(share, 1.0f, 1.0f);
+        lull_shares(share, 1.0f, 1.0f);
         for (size_t at = 3 * i, c = 0; c < 3; at++, c++) {
-            float v = radiance_at(from, at) * share[c];
-            codes[c] = to_code(log_code(1.0f + LULL_LOG_GAIN * v));
-            codes[3 + c] = albedo ? to_code(a[c] * 255.0f) : 0;
-            codes[6 + c] = normal ? normal_code(normal[at]) : 128;
+            codes[c] = lull_radiance_code(radiance_at(from, at) * share[c]);
+            codes[3 + c] = albedo ? lull_to_code(a[c] * 255.0f) : 0;
+            codes[6 + c] = normal ? lull_normal_code(normal[at]) : 128;
             codes[9 + c] = (uint8_t)(from->flags >> 8 * c);
         }
     }
@@ -71,9 +41,11 @@ void lull_guide_scalar(uint8_t *guide, const float *albedo, const float *normal,
         if (!normal && albedo)
             get_albedo(a, albedo + 3 * i);
         for (size_t c = 0; c < 3 && (normal || albedo); c++)
-            q[c] = normal ? normal_code(normal[3 * i + c]) : to_code(a[c] * 255.0f);
-        guide[0] = (uint8_t)(normal ? (2 * q[0] - q[1] - q[2] + 510) / 8 : q[0] / 2);
-        guide[1] = (uint8_t)(normal ? 7 * (q[1] - q[2] + 255) / 32 : (q[1] + q[2]) / 4);
+            q[c] = normal ? lull_normal_code(normal[3 * i + c]) : lull_to_code(a[c] * 255.0f);
+        if (normal)
+            lull_guide_of_normal(guide, q);
+        else
+            lull_guide_of_albedo(guide, q);
     }
 }
 
@@ -96,7 +68,7 @@ void lull_demodulate_scalar(float *out, size_t plane, const lull_encoding *from,
         float confidence = table[codes[i * code_step + LULL_HEAD_CONFIDENCE]], share[3];
         for (size_t c = 0; c < 3; c++)
             share[c] = smooth[c * smooth_plane + i];
-        shares(share, 1.0f, 1.0f);
+        lull_shares(share, 1.0f, 1.0f);
         out[i] = confidence;
         for (size_t c = 0; c < 3; c++)
             out[(1 + c) * plane + i] = confidence * (radiance_at(from, 3 * i + c) * share[c]);
@@ -125,11 +97,9 @@ void lull_blend_scalar(const lull_blending *b)
         const float *near = b->near + c * b->coarse_plane, *far = b->far + c * b->coarse_plane;
         for (size_t i = 0; i < 2 * (size_t)b->pairs; i++) {
             ptrdiff_t at = (ptrdiff_t)(i / 2), beside = i & 1 ? at + 1 : at - 1;
-            float fine = b->fine[c * b->fine_plane + i];
-            float here = 0.75f * near[at] + 0.25f * far[at];
-            float there = 0.75f * near[beside] + 0.25f * far[beside];
-            float up = 0.75f * here + 0.25f * there;
-            b->out[c * b->out_plane + i] = fine + b->table[b->codes[i]] * (up - fine);
+            b->out[c * b->out_plane + i] =
+                lull_blended(b->fine[c * b->fine_plane + i], b->table[b->codes[i]], near[at],
+                             far[at], near[beside], far[beside]);
         }
     }
 }
@@ -158,33 +128,26 @@ void lull_noise_scalar(uint8_t *noise, const float *v, size_t plane, const float
                        size_t f_plane, unsigned pixels)
 {
     for (size_t i = 0; i < pixels; i++) {
-        float apart = 0.0f, all = 0.0f;
-        for (size_t c = 0; c < 3; c++) {
-            float mean = f[c * f_plane + i], e = v[(1 + c) * plane + i] - v[i] * mean;
-            apart += e < 0.0f ? -e : e;
-            all += mean;
-        }
-        noise[i] = to_code(LULL_NOISE_CODES * (apart / (v[i] * (all + LULL_NOISE_EPSILON))));
+        float confident[4], mean[3];
+        for (size_t c = 0; c < 4; c++)
+            confident[c] = v[c * plane + i];
+        for (size_t c = 0; c < 3; c++)
+            mean[c] = f[c * f_plane + i];
+        noise[i] = lull_noise_code(confident, mean);
     }
 }
 
 void lull_residual_scalar(const lull_balance *b, const lull_encoding *from)
 {
     for (size_t i = 0; i < b->pixels; i++) {
-        float p[3], r[3], share, q, lit, w = b->noise[i] * LULL_NOISE_SHARE;
+        float p[3], r[3], sums[LULL_CELL_SUMS];
         for (size_t c = 0; c < 3; c++) {
             p[c] = b->v[c * b->v_plane + i] * b->smooth[c * b->smooth_plane + i];
             r[c] = radiance_at(from, 3 * i + c);
         }
-        p[0] = (p[0] + p[1]) + p[2];
-        share = 1.0f / (p[0] + LULL_BALANCE_EPSILON);
-        q = (((r[0] + r[1]) + r[2]) - p[0]) * share;
-        q = q < LULL_MOST_LACKING ? q : LULL_MOST_LACKING;
-        b->sums[i] += q;
-        b->sums[b->sum_plane + i] += q * q;
-        b->sums[2 * b->sum_plane + i] += p[0] * share * (w < 1.0f ? w : 1.0f);
-        lit = q > LULL_SPARK ? q - LULL_SPARK : 0.0f;
-        b->sums[3 * b->sum_plane + i] += lit < 1.0f ? lit : 1.0f;
+        lull_balance_of(sums, p, r, b->noise[i]);
+        for (size_t c = 0; c < LULL_CELL_SUMS; c++)
+            b->sums[c * b->sum_plane + i] += sums[c];
     }
 }
 
@@ -194,16 +157,11 @@ static float weight_of(const lull_surface *row, ptrdiff_t i, const lull_surface 
                        const float *g, float *change)
 {
     int a = other->guide[2 * j] - row->guide[2 * i];
-    int b = other->guide[2 * j + 1] - row->guide[2 * i + 1], apart = a * a + b * b;
-    float x[3], t, w;
-    for (ptrdiff_t c = 0; c < 3; c++) {
+    int b = other->guide[2 * j + 1] - row->guide[2 * i + 1];
+    for (ptrdiff_t c = 0; c < 3; c++)
         change[c] = other->v[c * (ptrdiff_t)other->plane + j] -
                     row->v[c * (ptrdiff_t)row->plane + i];
-        x[c] = change[c] * g[c];
-    }
-    t = ((x[0] * x[0] + x[1] * x[1]) + x[2] * x[2]) + LULL_GUIDE_SCALE * (float)apart;
-    w = 1.0f - t > 0.0f ? 1.0f - t : 0.0f;
-    return w * w;
+    return lull_smoothing_weight(change, g, a, b);
 }
 
 void lull_bilateral_scalar(const lull_smoothing *s)
@@ -216,12 +174,10 @@ void lull_bilateral_scalar(const lull_smoothing *s)
     for (ptrdiff_t i = 0; i < (ptrdiff_t)s->pixels; i++) {
         const uint8_t *noise = s->noise + i;
         const float *v = row->v + i;
-        float width = (float)(noise[-1] + noise[0] + noise[1]) * LULL_NOISE_WIDTH;
-        float g[3], change[3], sum[3] = {0.0f, 0.0f, 0.0f}, weights = 1.0f;
-        width = width < LULL_WIDEST ? width : LULL_WIDEST;
+        float here[3], g[3], change[3], sum[3] = {0.0f, 0.0f, 0.0f}, weights = 1.0f;
         for (size_t c = 0; c < 3; c++)
-            g[c] = v[c * row->plane] + LULL_FILTER_EPSILON;
-        shares(g, 0.5f, width > LULL_NARROWEST ? width : LULL_NARROWEST);
+            here[c] = v[c * row->plane];
+        lull_smoothing_factors(g, here, noise[-1] + noise[0] + noise[1]);
         for (unsigned k = 0; k < (s->is_far ? 10u : 6u); k++) {
             float w = weight_of(row, i, rows[k], i + columns[k], g, change);
             weights += w;
@@ -229,6 +185,6 @@ void lull_bilateral_scalar(const lull_smoothing *s)
                 sum[c] += w * change[c];
         }
         for (size_t c = 0; c < 3; c++)
-            s->out[c * s->out_plane + (size_t)i] = v[c * row->plane] + sum[c] * (1.0f / weights);
+            s->out[c * s->out_plane + (size_t)i] = here[c] + sum[c] * (1.0f / weights);
     }
 }

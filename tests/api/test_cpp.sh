@@ -43,7 +43,7 @@ if [ -f "$build/obj/weights.o" ]; then weights=$build/obj/weights.o; fi
 # shellcheck disable=SC2086
 $CC -shared -o "$work/libother.so" "$work"/obj/*.o $weights "$build/lib/liblull.a" -pthread
 names=$(nm -D --defined-only "$work/libother.so" |
-    awk '$3 !~ /^other_oidn/ && $2 ~ /[A-Z]/ { print $3 }')
+    awk '$3 !~ /^other_(oidn|lull_)/ && $2 ~ /[A-Z]/ { print $3 }')
 if [ -n "$names" ]; then
     echo "FAIL namespace: exported without the prefix: $names"
     exit 1

@@ -57,7 +57,7 @@ try "make install" "${MAKE:-make}" -C "$root" --no-print-directory install BUILD
 tree=$work/stage$prefix
 for file in include/lull.h include/OpenImageDenoise/oidn.h include/OpenImageDenoise/oidn.hpp \
     include/OpenImageDenoise/config.h include/OpenImageDenoise/namespace.h \
-    include/OpenImageDenoise/lull_quality.h lib/liblull.a \
+    include/OpenImageDenoise/lull_device.h include/OpenImageDenoise/lull_quality.h lib/liblull.a \
     lib/libOpenImageDenoise.a lib/libOpenImageDenoise.so.2 lib/libOpenImageDenoise.so \
     lib/pkgconfig/lull.pc lib/pkgconfig/OpenImageDenoise.pc; do
     if [ -e "$tree/$file" ]; then ok; else bad "installed: $file"; fi

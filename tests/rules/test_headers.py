@@ -22,6 +22,7 @@ PUBLIC = {
     "lib/lull.h": ("c99", "c11", "c++11", "c++20"),
     "oidn/include/OpenImageDenoise/oidn.h": ("c99", "c11", "c++11", "c++20"),
     "oidn/include/OpenImageDenoise/config.h": ("c99", "c11", "c++11", "c++20"),
+    "oidn/include/OpenImageDenoise/lull_device.h": ("c99", "c11", "c++11", "c++20"),
     "oidn/include/OpenImageDenoise/lull_quality.h": ("c99", "c11", "c++11", "c++20"),
     "oidn/include/OpenImageDenoise/oidn.hpp": ("c++11", "c++20"),
 }

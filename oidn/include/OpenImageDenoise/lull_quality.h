@@ -10,7 +10,7 @@
  * At each execution the built-in models denoise a sample of the frame, and the smallest one whose
  * result looks like that of high quality denoises the frame: the output has the bytes of the
  * quality that was taken. Which one that is depends on the pixels and on nothing else. Small
- * frames, and filters with weights of their own, take OIDN_QUALITY_HIGH.
+ * frames, filters with weights of their own and those of OpenCL devices take OIDN_QUALITY_HIGH.
  *
  * "usedQuality" is of all filters and read only: the quality of the latest execution that was
  * completed, OIDN_QUALITY_DEFAULT before there is one. Open Image Denoise knows neither name: it

@@ -94,5 +94,6 @@
 #define oidnWaitSemaphoresAsync OIDN_PREFIXED(oidnWaitSemaphoresAsync)
 #define oidnWriteBuffer OIDN_PREFIXED(oidnWriteBuffer)
 #define oidnWriteBufferAsync OIDN_PREFIXED(oidnWriteBufferAsync)
+#define lull_device_name OIDN_PREFIXED(lull_device_name)
 
 #endif

@@ -65,7 +65,8 @@ typedef struct OIDNFilterImpl *OIDNFilter;
 /* A combination of flag values. */
 typedef unsigned int OIDNFlags;
 
-/* lull has the CPU device; asking for another gives OIDN_ERROR_UNSUPPORTED_HARDWARE. */
+/* lull has the CPU device; asking for another gives OIDN_ERROR_UNSUPPORTED_HARDWARE. Its OpenCL
+ * device is of a type of its own (lull_device.h). */
 typedef enum {
     OIDN_DEVICE_TYPE_DEFAULT = 0,
     OIDN_DEVICE_TYPE_CPU = 1,

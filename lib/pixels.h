@@ -1,0 +1,219 @@
+/* Arithmetic of single values and pixels, mostly of family K (docs/kernel-prediction.md), in what
+ * C99 and OpenCL C have in common: the core, the scalar port and ports/opencl share this source.
+ * For OpenCL, ports/opencl/prelude.cl stands in the place of base.h. Pointers are to variables of
+ * the calling function. fp32 in the order written, without contraction. */
+#ifndef LULL_PIXELS_H
+#define LULL_PIXELS_H
+
+#ifndef __OPENCL_VERSION__
+#include "base.h"
+#endif
+
+/* ---- Single values --------------------------------------------------------------------------- */
+
+/* m in [sqrt(1/2), sqrt(2)) and, as a number, the exponent *e of x = m 2^e; x finite >= FLT_MIN. */
+LULL_INLINE float lull_mantissa(float x, float *e)
+{
+    uint32_t bits = lull_bits(x);
+    int32_t exponent = (int32_t)(bits - 0x3f3504f3u) >> 23;
+    *e = (float)exponent;
+    return lull_float(bits - ((uint32_t)exponent << 23));
+}
+
+/* f where its magnitude is above the float of bits `least` and it is no NaN, else 0. */
+LULL_INLINE float lull_above(float f, uint32_t least)
+{
+    uint32_t magnitude = lull_bits(f) & 0x7fffffffu;
+    uint32_t keep = 0u - (uint32_t)((int32_t)magnitude > (int32_t)least);
+    keep &= 0u - (uint32_t)((int32_t)magnitude <= (int32_t)0x7f800000);
+    return lull_float(lull_bits(f) & keep);
+}
+
+/* lull_sanitize of one value (image.h). */
+LULL_INLINE float lull_sane(float v, float scale, float lo, float hi)
+{
+    v = lull_above(lull_above(v, 0x007fffffu) * scale, 0x00800000u); /* FLT_MIN */
+    v = v > lo ? v : lo;
+    return v < hi ? v : hi;
+}
+
+/* The nearest code of a value that is not negative; NaN counts as too large. */
+LULL_INLINE uint8_t lull_to_code(float v)
+{
+    float code = v + 0.5f;
+    return code < 255.0f ? (uint8_t)code : 255;
+}
+
+/* ---- What the network sees ------------------------------------------------------------------- */
+
+#define LULL_RADIANCE_MAX 65504.0f
+#define LULL_FILTER_EPSILON 0.02f
+#define LULL_LARGEST 3.402823466e38f /* FLT_MAX */
+#define LULL_LOG_GAIN 32.0f
+#define LULL_CODES_PER_OCTAVE 21.2493764f /* 255 / log2(1 + 32 * 128) */
+/* A code of u = m 2^e, m in [sqrt(1/2), sqrt(2)), t = m - 1: e LULL_CODES_PER_OCTAVE + t
+ * ((LULL_LOG_2 t + LULL_LOG_1) + (t t) (LULL_LOG_4 t + LULL_LOG_3)), within 0.0022 of the
+ * logarithm's. */
+#define LULL_LOG_1 30.6365147f
+#define LULL_LOG_2 -15.4037612f
+#define LULL_LOG_3 10.996752f
+#define LULL_LOG_4 -7.00442797f
+
+/* Logarithm of u >= 1 in codes. */
+LULL_INLINE float lull_log_code(float u)
+{
+    float e, t = lull_mantissa(u, &e) - 1.0f;
+    float p = LULL_LOG_2 * t + LULL_LOG_1, q = LULL_LOG_4 * t + LULL_LOG_3;
+    return e * LULL_CODES_PER_OCTAVE + t * (p + t * t * q);
+}
+
+LULL_INLINE uint8_t lull_radiance_code(float demodulated)
+{
+    return lull_to_code(lull_log_code(1.0f + LULL_LOG_GAIN * demodulated));
+}
+
+LULL_INLINE uint8_t lull_normal_code(float n)
+{
+    return lull_to_code(lull_sane(n, 1.0f, -1.0f, 1.0f) * 127.5f + 127.5f);
+}
+
+/* Sanitises the albedo of a pixel; where there is none, it is white. */
+LULL_INLINE void lull_sane_albedo(float *a)
+{
+    for (int c = 0; c < 3; c++)
+        a[c] = lull_sane(a[c], 1.0f, 0.0f, 1.0f);
+    if (!(a[0] + a[1] + a[2] > 0.0f))
+        a[0] = a[1] = a[2] = 1.0f;
+}
+
+/* The guide of a pixel (kernels.h) from the codes of its normal, or of its albedo. */
+LULL_INLINE void lull_guide_of_normal(uint8_t *guide, const int *q)
+{
+    guide[0] = (uint8_t)((2 * q[0] - q[1] - q[2] + 510) / 8);
+    guide[1] = (uint8_t)(7 * (q[1] - q[2] + 255) / 32);
+}
+LULL_INLINE void lull_guide_of_albedo(uint8_t *guide, const int *q)
+{
+    guide[0] = (uint8_t)(q[0] / 2);
+    guide[1] = (uint8_t)((q[1] + q[2]) / 4);
+}
+
+/* ---- The filter ------------------------------------------------------------------------------ */
+
+/* Shares of v, in its place (kernels.h). */
+LULL_INLINE void lull_shares(float *v, float top, float bottom)
+{
+    float first = v[0] * v[1], share = top / (first * v[2] * bottom), other = v[0] * v[2];
+    v[0] = v[1] * v[2] * share;
+    v[1] = other * share;
+    v[2] = first * share;
+}
+
+/* A fine value and the coarse ones around it: near and far row, here and beside. */
+LULL_INLINE float lull_blended(float fine, float beta, float near_here, float far_here,
+                               float near_beside, float far_beside)
+{
+    float here = 0.75f * near_here + 0.25f * far_here;
+    float there = 0.75f * near_beside + 0.25f * far_beside;
+    float up = 0.75f * here + 0.25f * there;
+    return fine + beta * (up - fine);
+}
+
+#define LULL_NOISE_CODES 384.0f   /* per 1 of noise */
+#define LULL_NOISE_EPSILON 0.06f  /* three times 0.02 */
+
+/* Code of the noise of a pixel: v is (C, V), f its mean (bilateral.h). */
+LULL_INLINE uint8_t lull_noise_code(const float *v, const float *f)
+{
+    float apart = 0.0f, all = 0.0f;
+    for (int c = 0; c < 3; c++) {
+        float e = v[1 + c] - v[0] * f[c];
+        apart += e < 0.0f ? -e : e;
+        all += f[c];
+    }
+    return lull_to_code(LULL_NOISE_CODES * (apart / (v[0] * (all + LULL_NOISE_EPSILON))));
+}
+
+/* ---- Smoothing along the result -------------------------------------------------------------- */
+
+#define LULL_BILATERAL_REACH 6 /* columns to either side */
+#define LULL_BILATERAL_FAR 12
+#define LULL_NOISE_WIDTH 0.0026041667f /* of weights, per noise code of three pixels */
+#define LULL_WIDEST 0.6f
+#define LULL_NARROWEST 0.001f
+#define LULL_GUIDE_SCALE 0.012288f /* of squared differences of codes */
+
+/* What differences of the channels of v count where the noise codes of three pixels sum to
+ * `noise`. */
+LULL_INLINE void lull_smoothing_factors(float *g, const float *v, int noise)
+{
+    float width = (float)noise * LULL_NOISE_WIDTH;
+    width = width < LULL_WIDEST ? width : LULL_WIDEST;
+    for (int c = 0; c < 3; c++)
+        g[c] = v[c] + LULL_FILTER_EPSILON;
+    lull_shares(g, 0.5f, width > LULL_NARROWEST ? width : LULL_NARROWEST);
+}
+
+/* Weight of a pixel that differs by `change`, and in the guide by a and b. */
+LULL_INLINE float lull_smoothing_weight(const float *change, const float *g, int a, int b)
+{
+    float x[3], t, w;
+    for (int c = 0; c < 3; c++)
+        x[c] = change[c] * g[c];
+    t = ((x[0] * x[0] + x[1] * x[1]) + x[2] * x[2]) + LULL_GUIDE_SCALE * (float)(a * a + b * b);
+    w = 1.0f - t > 0.0f ? 1.0f - t : 0.0f;
+    return w * w;
+}
+
+/* ---- What the result lacks ------------------------------------------------------------------- */
+
+#define LULL_CELL 16u        /* pixels, in either direction */
+#define LULL_CELL_LEVEL 4u   /* log2 of it */
+#define LULL_CELL_SUMS 4u    /* of a cell: q, q q, what may be corrected, sparks */
+#define LULL_BALANCE_EPSILON 0.15f /* three times 0.05 */
+#define LULL_NOISE_SHARE 0.05f     /* of a correction, per noise code */
+#define LULL_MOST_LACKING 200.0f   /* of one pixel: single sparks are chance */
+#define LULL_SPARK 2.0f
+#define LULL_MOST_GAIN 0.5f
+
+/* What a pixel adds to the sums of its cell: result p, radiance r, code of the noise. */
+LULL_INLINE void lull_balance_of(float *sums, const float *p, const float *r, uint8_t noise)
+{
+    float v = (p[0] + p[1]) + p[2], w = noise * LULL_NOISE_SHARE;
+    float share = 1.0f / (v + LULL_BALANCE_EPSILON), lit;
+    float q = (((r[0] + r[1]) + r[2]) - v) * share;
+    q = q < LULL_MOST_LACKING ? q : LULL_MOST_LACKING;
+    sums[0] = q;
+    sums[1] = q * q;
+    sums[2] = v * share * (w < 1.0f ? w : 1.0f);
+    lit = q > LULL_SPARK ? q - LULL_SPARK : 0.0f;
+    sums[3] = lit < 1.0f ? lit : 1.0f;
+}
+
+/* The correction of a cell from the sums of it and those around it: of the sum of q the share that
+ * is not chance, 1 - (sum of q q) / (sum of q)^2, which is 0 for one pixel and 1 - 1/n for n alike,
+ * spread over what may be corrected. Few sparks are not light but fireflies: of n of them no more
+ * counts than 20 + 0.3 n^2. */
+LULL_INLINE float lull_cell_gain(float q, float squares, float base, float sparks)
+{
+    float share = 1.0f - squares / (q * q + 1e-6f), most = 20.0f + 0.3f * sparks * sparks;
+    float gain = (share > 0.0f ? share : 0.0f) * (q < most ? q : most) / (base + 32.0f);
+    gain = gain < -LULL_MOST_GAIN ? -LULL_MOST_GAIN : gain;
+    return gain > LULL_MOST_GAIN ? LULL_MOST_GAIN : gain;
+}
+
+/* The cell before the centre between two cells at which pixel i lies, or the next one, of `count`
+ * that there are. */
+LULL_INLINE int lull_cell_near(int i, int next, int count)
+{
+    int cell = (i + (int)LULL_CELL / 2) / (int)LULL_CELL + next - 1;
+    return cell < 0 ? 0 : cell >= count ? count - 1 : cell;
+}
+
+/* How far it lies on the way from one to the other. */
+LULL_INLINE float lull_cell_part(int i)
+{
+    return ((float)((i + (int)LULL_CELL / 2) % (int)LULL_CELL) + 0.5f) * (1.0f / LULL_CELL);
+}
+
+#endif

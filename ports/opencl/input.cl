@@ -1,0 +1,94 @@
+/* What is made of the images before the network and the filter: codes, albedo, guide. Images are
+ * given as the host loads them: the main one sanitised and exposed, the others as they are. */
+
+/* Pixel (x, y) of the main image. */
+static void get_radiance(float *r, __global uchar *memory, lull_cl_tensor image, int x, int y)
+{
+    get_pixel(r, pixel_at(memory, image, x, y));
+    for (int c = 0; c < 3; c++)
+        r[c] = lull_sane(r[c], 1.0f, 0.0f, LULL_RADIANCE_MAX);
+}
+
+/* Albedo and codes of the normal at (x, y). */
+static void get_albedo(float *v, __global uchar *memory, lull_cl_tensor image, int x, int y)
+{
+    get_pixel(v, pixel_at(memory, image, x, y));
+    lull_sane_albedo(v);
+}
+static void get_normal(int *q, __global uchar *memory, lull_cl_tensor image, int x, int y)
+{
+    __global const float *from = pixel_at(memory, image, x, y);
+    for (int c = 0; c < 3; c++)
+        q[c] = lull_normal_code(from[c]);
+}
+
+/* out: the network's input, 12 codes a pixel; sources: radiance, albedo, normal. */
+KERNEL_OF_PIXELS encode(__global uchar *memory, __global const uchar *model, lull_cl_filter a)
+{
+    int x = (int)get_global_id(0) - LULL_CL_BORDER, y = (int)get_global_id(1) - LULL_CL_BORDER;
+    float r[3], albedo[3], share[3], none = 1.0f - LULL_FILTER_EPSILON;
+    int normal[3] = {128, 128, 128};
+    uchar code[9];
+    __global uchar4 *to = (__global uchar4 *)bytes_at(memory, a.out, x, y);
+    if (x >= a.width + LULL_CL_BORDER || y >= a.height + LULL_CL_BORDER)
+        return;
+    if (x < 0 || x >= a.inside_width || y < 0 || y >= a.inside_height) {
+        to[0] = to[1] = to[2] = (uchar4)(0);
+        return;
+    }
+    get_radiance(r, memory, a.source[0], x, y);
+    albedo[0] = albedo[1] = albedo[2] = none;
+    if (a.flags & LULL_CL_ALBEDO)
+        get_albedo(albedo, memory, a.source[1], x, y);
+    if (a.flags & LULL_CL_NORMAL)
+        get_normal(normal, memory, a.source[2], x, y);
+    for (int c = 0; c < 3; c++)
+        share[c] = albedo[c] + LULL_FILTER_EPSILON;
+    lull_shares(share, 1.0f, 1.0f);
+    for (int c = 0; c < 3; c++) {
+        code[c] = lull_radiance_code(r[c] * share[c]);
+        code[3 + c] = a.flags & LULL_CL_ALBEDO ? lull_to_code(albedo[c] * 255.0f) : 0;
+        code[6 + c] = normal[c];
+    }
+    to[0] = (uchar4)(code[0], code[1], code[2], code[3]);
+    to[1] = (uchar4)(code[4], code[5], code[6], code[7]);
+    to[2] = (uchar4)(code[8], a.flags & LULL_CL_ALBEDO ? 255 : 0,
+                     a.flags & LULL_CL_NORMAL ? 255 : 0, a.flags & LULL_CL_CLIPPED ? 255 : 0);
+}
+
+/* out: (1, albedo), zeros outside the image; source: albedo. */
+KERNEL_OF_PIXELS spread(__global uchar *memory, __global const uchar *model, lull_cl_filter a)
+{
+    int x = get_global_id(0), y = get_global_id(1);
+    float v[3];
+    if (x >= a.width || y >= a.height)
+        return;
+    if (x >= a.inside_width || y >= a.inside_height) {
+        *floats_at(memory, a.out, x, y) = (float4)(0.0f);
+        return;
+    }
+    get_albedo(v, memory, a.source[0], x, y);
+    *floats_at(memory, a.out, x, y) = (float4)(1.0f, v[0], v[1], v[2]);
+}
+
+/* out: two bytes a pixel; sources: albedo, normal. */
+KERNEL_OF_PIXELS guide(__global uchar *memory, __global const uchar *model, lull_cl_filter a)
+{
+    int x = get_global_id(0), y = get_global_id(1), q[3] = {0, 0, 0};
+    uchar made[2];
+    if (x >= a.inside_width || y >= a.inside_height)
+        return;
+    if (a.flags & LULL_CL_NORMAL) {
+        get_normal(q, memory, a.source[1], x, y);
+        lull_guide_of_normal(made, q);
+    } else {
+        if (a.flags & LULL_CL_ALBEDO) {
+            float v[3];
+            get_albedo(v, memory, a.source[0], x, y);
+            for (int c = 0; c < 3; c++)
+                q[c] = lull_to_code(v[c] * 255.0f);
+        }
+        lull_guide_of_albedo(made, q);
+    }
+    *(__global uchar2 *)bytes_at(memory, a.out, x, y) = (uchar2)(made[0], made[1]);
+}

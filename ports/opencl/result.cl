@@ -1,0 +1,123 @@
+/* Steps 6 and 7 of the filter of family K: smoothing along the result, and what the result lacks
+ * (docs/kernel-prediction.md, lib/bilateral.h). */
+
+static int noise_at(__global uchar *memory, const lull_cl_filter *a, int x, int y)
+{
+    return *bytes_at(memory, a->source[2], clamp_to(x, a->inside_width), y);
+}
+
+/* Where the pixels are that the smoothing looks at, in its order; the last four are far. */
+__constant char away_x[] = {-LULL_BILATERAL_REACH, -2, 2, LULL_BILATERAL_REACH, 0, 0,
+                            -LULL_BILATERAL_FAR, LULL_BILATERAL_FAR, 0, 0};
+__constant char away_y[] = {0, 0, 0, 0, -2, 2, 0, 0, -4, 4};
+
+/* out: smoothed result; sources: result, guide, noise. */
+KERNEL_OF_PIXELS bilateral(__global uchar *memory, __global const uchar *model, lull_cl_filter a)
+{
+    int x = get_global_id(0), y = get_global_id(1);
+    float v[3], g[3], sum[3] = {0.0f, 0.0f, 0.0f}, weights = 1.0f;
+    uchar2 here;
+    if (x >= a.inside_width || y >= a.inside_height)
+        return;
+    get3(v, *floats_at(memory, a.source[0], x, y));
+    here = *(__global const uchar2 *)bytes_at(memory, a.source[1], x, y);
+    lull_smoothing_factors(g, v, noise_at(memory, &a, x - 1, y) + noise_at(memory, &a, x, y) +
+                                     noise_at(memory, &a, x + 1, y));
+    for (int k = 0; k < (a.flags & LULL_CL_FAR ? 10 : 6); k++) {
+        int other_x = clamp_to(x + away_x[k], a.inside_width);
+        int other_y = clamp_to(y + away_y[k], a.inside_height);
+        uchar2 there = *(__global const uchar2 *)bytes_at(memory, a.source[1], other_x, other_y);
+        float change[3], w;
+        get3(change, *floats_at(memory, a.source[0], other_x, other_y));
+        for (int c = 0; c < 3; c++)
+            change[c] -= v[c];
+        w = lull_smoothing_weight(change, g, there.x - here.x, there.y - here.y);
+        weights += w;
+        for (int c = 0; c < 3; c++)
+            sum[c] += w * change[c];
+    }
+    for (int c = 0; c < 3; c++)
+        v[c] += sum[c] * (1.0f / weights);
+    *floats_at(memory, a.out, x, y) = make4(v, 0.0f);
+}
+
+/* out: sums of cells; sources: smoothed result, radiance, filtered albedo, noise. A group makes a
+ * cell, each work item a column of it. */
+KERNEL(LULL_CELL, 1) residual(__global uchar *memory, __global const uchar *model, lull_cl_filter a)
+{
+    __local float4 column[LULL_CELL];
+    int i = get_local_id(0), x = get_global_id(0), y = get_group_id(1) * (int)LULL_CELL;
+    int end = x < a.inside_width && !(a.flags & LULL_CL_CLIPPED)
+                  ? min(y + (int)LULL_CELL, a.inside_height)
+                  : 0; /* clipped radiance lacks light itself */
+    float4 sum = (float4)(0.0f);
+    for (; y < end; y++) {
+        float p[3], smooth[3], r[3], sums[LULL_CELL_SUMS];
+        get3(p, *floats_at(memory, a.source[0], x, y));
+        get3(smooth, *floats_at(memory, a.source[2], x, y));
+        get_radiance(r, memory, a.source[1], x, y);
+        for (int c = 0; c < 3; c++)
+            p[c] *= smooth[c];
+        lull_balance_of(sums, p, r, *bytes_at(memory, a.source[3], x, y));
+        sum += (float4)(sums[0], sums[1], sums[2], sums[3]);
+    }
+    column[i] = sum;
+    for (int columns = LULL_CELL / 2; columns; columns /= 2) {
+        barrier(CLK_LOCAL_MEM_FENCE);
+        if (i < columns)
+            column[i] += column[i + columns];
+    }
+    if (i == 0)
+        *floats_at(memory, a.out, get_group_id(0), get_group_id(1)) = column[0];
+}
+
+static float4 sums_at(__global uchar *memory, const lull_cl_filter *a, int x, int y)
+{
+    return x >= 0 && x < a->width && y >= 0 && y < a->height
+               ? *floats_at(memory, a->source[0], x, y)
+               : (float4)(0.0f);
+}
+
+/* out: gains of cells, a float each; source: their sums. */
+KERNEL_OF_PIXELS gains(__global uchar *memory, __global const uchar *model, lull_cl_filter a)
+{
+    int x = get_global_id(0), y = get_global_id(1);
+    float4 sum = (float4)(0.0f);
+    if (x >= a.width || y >= a.height)
+        return;
+    for (int k = -2; k <= 2; k++) {
+        float4 column = (sums_at(memory, &a, x + k, y - 1) + sums_at(memory, &a, x + k, y)) +
+                        sums_at(memory, &a, x + k, y + 1);
+        sum = k == -2 ? column : sum + column;
+    }
+    *pixel_at(memory, a.out, x, y) = lull_cell_gain(sum.x, sum.y, sum.z, sum.w);
+}
+
+/* The gain of a column of cells between two rows of them. */
+static float gain_at(__global uchar *memory, lull_cl_tensor gains, int x, int above, int below,
+                     float part)
+{
+    float first = *pixel_at(memory, gains, x, above);
+    return first + part * (*pixel_at(memory, gains, x, below) - first);
+}
+
+/* out: corrected result; sources: smoothed result, gains, noise. */
+KERNEL_OF_PIXELS correct(__global uchar *memory, __global const uchar *model, lull_cl_filter a)
+{
+    int x = get_global_id(0), y = get_global_id(1);
+    int across = (a.inside_width + (int)LULL_CELL - 1) / (int)LULL_CELL;
+    int down = (a.inside_height + (int)LULL_CELL - 1) / (int)LULL_CELL;
+    int above = lull_cell_near(y, 0, down), below = lull_cell_near(y, 1, down);
+    float before, after, w, g;
+    float4 v;
+    if (x >= a.inside_width || y >= a.inside_height)
+        return;
+    before = gain_at(memory, a.source[1], lull_cell_near(x, 0, across), above, below,
+                     lull_cell_part(y));
+    after = gain_at(memory, a.source[1], lull_cell_near(x, 1, across), above, below,
+                    lull_cell_part(y));
+    w = *bytes_at(memory, a.source[2], x, y) * LULL_NOISE_SHARE;
+    g = (before + lull_cell_part(x) * (after - before)) * (w < 1.0f ? w : 1.0f);
+    v = *floats_at(memory, a.source[0], x, y);
+    *floats_at(memory, a.out, x, y) = v + v * g;
+}

@@ -1,0 +1,398 @@
+/* Frames of OpenCL devices: the bytes of the CPU, for every model, feature set, content, size and
+ * format, in tiles, in place, and those of the numpy reference. */
+#include "opencl.h"
+
+static OIDNDevice opencl, cpu;
+
+/* ---- Frames ---------------------------------------------------------------------------------- */
+
+/* A frame of three images, and how it is denoised. */
+typedef struct frame {
+    size_t width, height;
+    unsigned features; /* bits of color, albedo, normal */
+    const char *type, *content; /* of filter; boolean parameter that is set, or NULL */
+    OIDNQuality quality;
+    int memory;  /* maxMemoryMB */
+    float scale; /* inputScale */
+    const void *weights;
+    size_t weights_bytes;
+} frame;
+
+static const frame plain = {93, 61, 7, "RT", "hdr", OIDN_QUALITY_FAST, -1, NAN, NULL, 0};
+
+static void run(OIDNDevice device, const frame *f, float *const images[3], float *out)
+{
+    static const char *const names[] = {"color", "albedo", "normal"};
+    OIDNFilter filter = oidnNewFilter(device, f->type);
+    unsigned i;
+
+    for (i = 0; i < 3; i++)
+        if (f->features >> i & 1)
+            oidnSetSharedFilterImage(filter, names[i], images[i], F3, f->width, f->height, 0, 0, 0);
+    oidnSetSharedFilterImage(filter, "output", out, F3, f->width, f->height, 0, 0, 0);
+    if (f->content)
+        oidnSetFilterBool(filter, f->content, true);
+    if (f->weights)
+        oidnSetSharedFilterData(filter, "weights", (void *)(size_t)f->weights, f->weights_bytes);
+    oidnSetFilterInt(filter, "quality", f->quality);
+    oidnSetFilterInt(filter, "maxMemoryMB", f->memory);
+    oidnSetFilterFloat(filter, "inputScale", f->scale);
+    oidnCommitFilter(filter);
+    ERROR(device, NONE);
+    oidnExecuteFilter(filter);
+    ERROR(device, NONE);
+    oidnReleaseFilter(filter);
+}
+
+/* 1 if both devices give the same bytes. */
+static int same(const frame *f, float *const images[3])
+{
+    const size_t values = 3 * f->width * f->height;
+    float *expected = noise_image(values, 1), *out = noise_image(values, 2);
+    int equal;
+
+    run(cpu, f, images, expected);
+    run(opencl, f, images, out);
+    equal = !memcmp(expected, out, values * sizeof *out);
+    if (!equal)
+        printf("  %ux%u, %s %s, features %u, quality %d, %d MB, scale %g\n", (unsigned)f->width,
+               (unsigned)f->height, f->type, f->content ? f->content : "", f->features, f->quality,
+               f->memory, (double)f->scale);
+    free(expected);
+    free(out);
+    return equal;
+}
+
+static void make_images(float *images[3], size_t width, size_t height)
+{
+    const size_t values = 3 * width * height;
+    size_t i;
+
+    images[0] = picture(values, 11);
+    images[1] = noise_image(values, 12);
+    images[2] = noise_image(values, 13);
+    for (i = 0; i < values; i++)
+        images[2][i] = 2.0f * images[2][i] - 1.0f;
+    for (i = 0; i < values / 9; i++) /* black: lamps, mirrors, the sky */
+        images[1][i] = 0.0f;
+}
+
+static void free_images(float *images[3])
+{
+    unsigned i;
+
+    for (i = 0; i < 3; i++)
+        free(images[i]);
+}
+
+static void all_models_features_and_contents(void)
+{
+    static const struct {
+        const char *type, *content;
+        unsigned features;
+    } rows[] = {{"RT", "hdr", 7},  {"RT", "hdr", 1},  {"RT", "hdr", 3}, {"RT", "hdr", 5},
+                {"RT", NULL, 7},   {"RT", NULL, 1},   {"RT", NULL, 2},  {"RT", NULL, 4},
+                {"RT", "srgb", 7}, {"RT", "srgb", 1}, {"RT", "srgb", 2}, {"RTLightmap", NULL, 1},
+                {"RTLightmap", "directional", 1}};
+    static const size_t sizes[][2] = {{1, 1}, {3, 5}, {17, 33}, {16, 16}, {133, 71}};
+    size_t i, s;
+
+    NEED_OPENCL();
+    for (s = 0; s < COUNT(sizes); s++) {
+        frame f = plain;
+        float *images[3];
+
+        f.width = sizes[s][0];
+        f.height = sizes[s][1];
+        make_images(images, f.width, f.height);
+        for (i = 0; i < COUNT(rows); i++)
+            for (f.quality = OIDN_QUALITY_FAST; f.quality <= OIDN_QUALITY_HIGH; f.quality++) {
+                f.type = rows[i].type;
+                f.content = rows[i].content;
+                f.features = rows[i].features;
+                CHECK(same(&f, images));
+            }
+        free_images(images);
+    }
+}
+
+/* Values that are no colours, and scales. */
+static void odd_values(void)
+{
+    static const float odd[] = {NAN,      INFINITY, -INFINITY, -1.0f, 1e38f, -1e38f, 1e-38f,
+                                1e-40f,   -1e-40f,  0.0f,      -0.0f, 65504.0f, 7e4f,
+                                1.1754944e-38f};
+    static const float scales[] = {NAN, 1.0f, 0.0f, -1.0f, 1e-30f, 1e30f, 1e-38f, INFINITY};
+    frame f = plain;
+    float *images[3];
+    size_t i;
+
+    NEED_OPENCL();
+    make_images(images, f.width, f.height);
+    for (i = 0; i < 3 * f.width * f.height; i++) {
+        if (i % 31 == 7)
+            images[0][i] = odd[i / 31 % COUNT(odd)];
+        if (i % 37 == 5)
+            images[1][i] = odd[i / 37 % COUNT(odd)];
+        if (i % 41 == 3)
+            images[2][i] = odd[i / 41 % COUNT(odd)];
+    }
+    for (f.quality = OIDN_QUALITY_FAST; f.quality <= OIDN_QUALITY_HIGH; f.quality++)
+        for (i = 0; i < COUNT(scales); i++) {
+            f.scale = scales[i];
+            CHECK(same(&f, images));
+        }
+    f.content = "srgb";
+    f.quality = OIDN_QUALITY_BALANCED;
+    f.scale = NAN;
+    CHECK(same(&f, images));
+    free_images(images);
+}
+
+/* Less memory than the whole frame takes: tiles, in two directions. */
+static void tiles_change_nothing(void)
+{
+    static const struct {
+        OIDNQuality quality;
+        int megabytes;
+    } rows[] = {{OIDN_QUALITY_FAST, 0}, {OIDN_QUALITY_FAST, 50}, {OIDN_QUALITY_HIGH, 66}};
+    frame f = plain;
+    float *images[3];
+    size_t i;
+
+    NEED_OPENCL();
+    f.width = 710;
+    f.height = 790;
+    make_images(images, f.width, f.height);
+    for (i = 0; i < COUNT(rows); i++) {
+        f.quality = rows[i].quality;
+        f.memory = rows[i].megabytes;
+        CHECK(same(&f, images));
+    }
+    free_images(images);
+}
+
+static void too_little_memory(void)
+{
+    enum { W = 200, H = 150 };
+    float *in = picture(3 * W * H, 1), *out = picture(3 * W * H, 2);
+    OIDNFilter filter;
+    const char *text = "";
+
+    NEED_OPENCL();
+    filter = new_hdr(opencl, in, out, W, H);
+    oidnSetFilterInt(filter, "maxMemoryMB", 1);
+    oidnCommitFilter(filter);
+    CHECK_EQ(oidnGetDeviceError(opencl, &text), MEMORY);
+    CHECK(text && strstr(text, "maxMemoryMB is 1, but this filter needs at least") != NULL);
+    oidnSetFilterInt(filter, "maxMemoryMB", -1);
+    oidnCommitFilter(filter);
+    oidnExecuteFilter(filter);
+    ERROR(opencl, NONE);
+    oidnReleaseFilter(filter);
+    free(in);
+    free(out);
+}
+
+/* ---- Formats --------------------------------------------------------------------------------- */
+
+/* Images in one block of memory with gaps; bytes beside the pixels must not change. */
+static void formats_and_strides(void)
+{
+    enum { W = 37, H = 21, PIXEL = 28, ROW = PIXEL * W + 52, BYTES = 3 * ROW * H };
+    static const OIDNFormat formats[] = {
+        F3, F1, F2, H3, H1, OIDN_FORMAT_HALF2,
+    };
+    OIDNDevice devices[2];
+    unsigned char *block[2] = {malloc(BYTES), malloc(BYTES)};
+    size_t i, k, stride;
+    int d;
+
+    NEED_OPENCL();
+    devices[0] = cpu;
+    devices[1] = opencl;
+    for (stride = 0; stride < 2; stride++)
+        for (k = 0; k < COUNT(formats); k++) {
+            for (d = 0; d < 2; d++) {
+                OIDNFilter filter = oidnNewFilter(devices[d], "RT");
+                unsigned seed = 5;
+
+                for (i = 0; i < BYTES; i++) /* halves and floats from 2^-15 to 2 */
+                    block[d][i] = i % 2 ? (unsigned char)(60 - (i / 2) % 3)
+                                        : (unsigned char)(noise(&seed) * 255.0f);
+                oidnSetFilterBool(filter, "hdr", true);
+                oidnSetSharedFilterImage(filter, "color", block[d] + 4, formats[k], W, H, 0,
+                                         stride * PIXEL, stride * ROW);
+                oidnSetSharedFilterImage(filter, "albedo", block[d] + 12 + ROW * H, F1, W, H, 0,
+                                         PIXEL, ROW);
+                oidnSetSharedFilterImage(filter, "normal", block[d] + 16 + ROW * H, H3, W, H, 0,
+                                         PIXEL, ROW);
+                oidnSetSharedFilterImage(filter, "output", block[d] + 2 + 2 * ROW * H, formats[k],
+                                         W, H, 0, stride * PIXEL, stride * ROW);
+                oidnCommitFilter(filter);
+                oidnExecuteFilter(filter);
+                ERROR(devices[d], NONE);
+                oidnReleaseFilter(filter);
+            }
+            CHECK(!memcmp(block[0], block[1], BYTES));
+        }
+    free(block[0]);
+    free(block[1]);
+}
+
+/* Output in the place of an input, exactly and shifted. */
+static void in_place(void)
+{
+    enum { W = 93, H = 61, VALUES = 3 * W * H };
+    static const size_t shifts[] = {0, 3, 5 * 3 * W};
+    OIDNDevice devices[2];
+    float *block[2];
+    size_t i;
+    int d;
+
+    NEED_OPENCL();
+    devices[0] = cpu;
+    devices[1] = opencl;
+    for (i = 0; i < COUNT(shifts); i++) {
+        for (d = 0; d < 2; d++) {
+            OIDNFilter filter;
+
+            block[d] = picture(2 * VALUES, 7);
+            filter = new_hdr(devices[d], block[d], block[d] + shifts[i], W, H);
+            oidnExecuteFilter(filter);
+            ERROR(devices[d], NONE);
+            oidnReleaseFilter(filter);
+        }
+        CHECK(!memcmp(block[0], block[1], 2 * VALUES * sizeof(float)));
+        free(block[0]);
+        free(block[1]);
+    }
+}
+
+/* ---- The numpy reference --------------------------------------------------------------------- */
+
+/* A file of a golden test. */
+static void *read_golden(const char *test, const char *name, size_t *bytes)
+{
+    const char *root = getenv("LULL_ROOT");
+    char path[1024];
+    void *data = malloc(1 << 20);
+    FILE *file;
+
+    snprintf(path, sizeof path, "%s/tests/golden/%s/%s", root ? root : ".", test, name);
+    file = fopen(path, "rb");
+    *bytes = file && data ? fread(data, 1, 1 << 20, file) : 0;
+    if (file)
+        fclose(file);
+    CHECK(*bytes > 0);
+    return data;
+}
+
+/* A model of odd widths, whose layers the CPU packs in other ways (export/golden_kernel.py). */
+static void equals_the_reference(void)
+{
+    static const struct {
+        unsigned features;
+        const char *type, *content, *expected;
+    } rows[] = {{7, "RT", "hdr", "out_7_hdr.f32"},
+                {7, "RT", NULL, "out_7_ldr.f32"},
+                {7, "RT", "srgb", "out_7_srgb.f32"},
+                {1, "RT", "hdr", "out_1_hdr.f32"},
+                {3, "RT", "hdr", "out_3_hdr.f32"},
+                {1, "RTLightmap", "directional", "out_1_lightmap-dir.f32"},
+                {2, "RT", NULL, "out_2_ldr.f32"},
+                {4, "RT", NULL, "out_4_ldr.f32"}};
+    frame f = plain;
+    float *images[3], *expected, *out;
+    const int one = 1;
+    size_t bytes, i;
+    void *model;
+
+    NEED_OPENCL();
+    if (!*(const char *)&one)
+        SKIP("optional: the vectors are little-endian");
+    f.width = 45;
+    f.height = 37;
+    f.weights = model = read_golden("kernel", "weights.tza", &f.weights_bytes);
+    images[0] = read_golden("kernel", "color.f32", &bytes);
+    images[1] = read_golden("kernel", "albedo.f32", &bytes);
+    images[2] = read_golden("kernel", "normal.f32", &bytes);
+    out = malloc(bytes);
+    for (i = 0; i < COUNT(rows); i++) {
+        f.features = rows[i].features;
+        f.type = rows[i].type;
+        f.content = rows[i].content;
+        expected = read_golden("kernel", rows[i].expected, &bytes);
+        run(opencl, &f, images, out);
+        if (!CHECK(!memcmp(out, expected, bytes)))
+            printf("  %s\n", rows[i].expected);
+        free(expected);
+    }
+    free(out);
+    free(model);
+    free_images(images);
+}
+
+/* Integer U-Nets: wide and narrow layers, auxiliary images of words and of bytes, both nets. */
+static void integer_unets(void)
+{
+    static const struct {
+        const char *test;
+        unsigned features;
+    } rows[] = {{"int_unet_3_eights", 1},       {"int_unet_3_narrow", 1},
+                {"int_unet_3_widest", 1},       {"int_unet_3_patches_extreme", 1},
+                {"int_unet_6_aux_extreme", 3},  {"int_unet_6_wide", 3},
+                {"int_unet_9_aux", 7},          {"int_unet_9_extreme", 7},
+                {"int_unet_9_mixed", 7},        {"int_unet_9_patches", 7},
+                {"int_unet_large_3_wide", 1},   {"int_unet_large_6_narrow", 3},
+                {"int_unet_large_9_mixed", 7}};
+    static const char *const contents[] = {"srgb", "hdr", NULL};
+    static const size_t sizes[][2] = {{1, 1}, {17, 33}, {93, 61}};
+    size_t i, k, s;
+
+    NEED_OPENCL();
+    for (s = 0; s < COUNT(sizes); s++) {
+        frame f = plain;
+        float *images[3];
+
+        f.width = sizes[s][0];
+        f.height = sizes[s][1];
+        make_images(images, f.width, f.height);
+        for (i = 0; i < COUNT(rows); i++) {
+            void *model = read_golden(rows[i].test, "weights.tza", &f.weights_bytes);
+
+            f.weights = model;
+            f.features = rows[i].features;
+            for (k = 0; k < COUNT(contents); k++) {
+                f.content = contents[k];
+                if (!CHECK(same(&f, images)))
+                    printf("  %s\n", rows[i].test);
+            }
+            free(model);
+        }
+        free_images(images);
+    }
+}
+
+int main(int argc, char **argv)
+{
+    CHECK_MAIN(argc, argv);
+    keep_kernels_in_build();
+    if (!why_no_opencl()) {
+        opencl = open_opencl();
+        cpu = open_cpu();
+    }
+    RUN(all_models_features_and_contents);
+    RUN(odd_values);
+    RUN(tiles_change_nothing);
+    RUN(too_little_memory);
+    RUN(formats_and_strides);
+    RUN(in_place);
+    RUN(equals_the_reference);
+    RUN(integer_unets);
+    if (opencl) {
+        oidnReleaseDevice(opencl);
+        oidnReleaseDevice(cpu);
+    }
+    return check_report();
+}
