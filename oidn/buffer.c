@@ -144,6 +144,12 @@ OIDN_API void oidnRetainBuffer(OIDNBuffer buffer)
     }
 }
 
+/* Lets go of a handle; whether it was the last one. */
+static bool drop_handle(OIDNBuffer buffer)
+{
+    return buffer && lull_atomic_add(&buffer->users, (uint32_t)-1) == 1;
+}
+
 /* The caller may free the memory behind a shared buffer after this, so work that uses it must be
  * over. */
 OIDN_API void oidnReleaseBuffer(OIDNBuffer buffer)
@@ -151,8 +157,8 @@ OIDN_API void oidnReleaseBuffer(OIDNBuffer buffer)
     lull_fault ignored = {OIDN_ERROR_NONE, ""};
     lull_call call;
 
-    if (lull_call_begin(&call, buffer ? buffer->device : NULL) &&
-        lull_atomic_add(&buffer->users, (uint32_t)-1) == 1 && !buffer->owned)
+    if (lull_call_begin(&call, buffer ? buffer->device : NULL) && drop_handle(buffer) &&
+        !buffer->owned)
         lull_queue_wait(buffer->device, buffer->last_job, &ignored);
     if (lull_call_end(&call))
         lull_buffer_drop(buffer);

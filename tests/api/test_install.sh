@@ -136,6 +136,8 @@ END
     try "meson: configures" meson setup "$work/meson/build" "$work/meson"
     try "meson: builds" ninja -C "$work/meson/build" consumer
     try "meson: runs" "$work/meson/build/consumer"
+    try "meson: configures the tree itself" meson setup "$work/meson/tree" "$root"
+    try "meson: builds a test that links in a way of its own" ninja -C "$work/meson/tree" test_memory
 else
     skip meson "optional: meson or ninja is not installed"
 fi

@@ -58,7 +58,7 @@ build_target() { # build_target TARGET COMPILER EMULATOR PACKAGE
     mkdir -p "$folder"
     # The core asks a weak getauxval for the CPU: static programs must be told to hold it.
     # shellcheck disable=SC2086
-    if ! make -j"$jobs" CC="$2" AR="${2%gcc}ar" BUILD="$folder" OPENEXR=0 PNG=0 SAN= \
+    if ! make -j"$jobs" CC="$2" AR="${2%gcc}ar" BUILD="$folder" OPENEXR=0 PNG=0 SAN= WERROR=1 \
         CFLAGS= OPT=-O2 LDFLAGS="-static -Wl,-u,getauxval" $targets >"$folder/make.log" 2>&1; then
         fail "$1" "does not build"
         tail -20 "$folder/make.log"
