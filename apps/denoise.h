@@ -24,6 +24,7 @@ typedef struct denoise_settings {
     int is_json, is_checking, is_repairing, is_help, is_list;
     int type, quality, storage, runs, max_memory;
     float input_scale; /* NaN: not set */
+    float strength;    /* how far the result is from the input, 1 being that of the filter */
     float max_error;   /* NaN: the default of the content */
 } denoise_settings;
 

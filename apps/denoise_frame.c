@@ -67,7 +67,7 @@ typedef struct frame_job {
     const denoise_settings *settings;
     int frame;
     denoise_inputs inputs;
-    image output, backup, reference; /* backup: the input of repeated in-place runs */
+    image output, backup, reference; /* backup: the input of in-place runs, where needed again */
     device_image views[3], output_view;
     int is_hdr, is_srgb; /* settings, or what --repair made of them */
 } frame_job;
@@ -139,13 +139,13 @@ static void run_doctor(frame_job *job)
 }
 
 /* The memory of the result, of the input's size, type and channels; or, if the result replaces the
- * input and is wanted several times, a copy of the input. */
+ * input and is wanted several times or weaker, a copy of the input. */
 static exit_code make_output(frame_job *job)
 {
     image *main = &job->inputs.images[job->inputs.main];
     image *made = job->settings->is_in_place ? &job->backup : &job->output;
     image_error error;
-    if (job->settings->is_in_place && job->settings->runs == 1)
+    if (job->settings->is_in_place && job->settings->runs == 1 && job->settings->strength >= 1)
         return EXIT_OK;
     if (image_create(made, main->width, main->height, main->channels, main->type, &error))
         return report_error(EXIT_DENOISE, "%s: %s", job->inputs.paths[job->inputs.main],
@@ -268,6 +268,20 @@ static exit_code execute(frame_job *job, double *seconds)
     return code;
 }
 
+/* Moves the result back towards the input, where that is a number, if it is wanted weaker. */
+static void weaken(frame_job *job)
+{
+    const float strength = job->settings->strength;
+    const image *main = &job->inputs.images[job->inputs.main];
+    const image *input = job->settings->is_in_place ? &job->backup : main;
+    image *result = result_of(job);
+    for (size_t i = 0, n = image_count(result); strength < 1 && i < n; i++) {
+        float from = image_get(input, i), to = image_get(result, i);
+        if (isfinite(from))
+            image_set(result, i, from + strength * (to - from));
+    }
+}
+
 static void save_debug(const char *path, const image *img)
 {
     image_error error;
@@ -332,6 +346,7 @@ static exit_code run_once(frame_job *job, int run, uint32_t *hash)
     code = execute(job, &seconds);
     if (code)
         return code;
+    weaken(job);
     mine = image_hash(result_of(job));
     snprintf(text, sizeof text, "%08x", (unsigned)mine);
     report_line("  msec=%g, hash=%s\n", 1000 * seconds, text);

@@ -131,6 +131,7 @@ static const option table[] = {
          "quality (high); auto: the least that the image needs"),
     FLOAT("is input_scale input-scale inputScale inputscale", input_scale, "X",
           "scale of the colour (chosen from the image)"),
+    FLOAT("strength", strength, "0-1", "how much of the noise goes (1: what the filter removes)"),
     WORD("t type", type, device_types, "float|half", "values in memory (as in the file)"),
     TEXT("w weights", weights, "FILE.tza", "network weights (the built-in ones)"),
     CALL("d dev device", set_device, "N|default|cpu|sycl|cuda|hip|metal|opencl", "device"),
@@ -181,6 +182,7 @@ void denoise_set_defaults(S *s)
     s->storage = STORAGE_SHARED;
     s->quality = -1;
     s->input_scale = s->max_error = NAN;
+    s->strength = 1;
 }
 
 /* Combinations that no filter could make sense of. */
@@ -194,6 +196,9 @@ static exit_code validate(const S *s)
     if (!s->files[IMAGE_COLOR] && s->files[IMAGE_ALBEDO] && s->files[IMAGE_NORMAL])
         return report_error(EXIT_USAGE,
                             "albedo and normals cannot be denoised together without a colour");
+    if (!(s->strength >= 0 && s->strength <= 1))
+        return report_error(EXIT_USAGE, "--strength %g: a number from 0 to 1 is expected",
+                            (double)s->strength);
     for (int i = 0; i < s->output_count; i++)
         if (image_check_writable(s->outputs[i], &error))
             return report_error(EXIT_OUTPUT, "cannot write '%s': %s", s->outputs[i], error.text);

@@ -259,6 +259,32 @@ def test_single_bad_values_are_fine(denoise, identity, work):
     assert done.code == 0 and np.isfinite(t.read_pfm(work / "out.pfm")[6:]).all()
 
 
+def test_strength_mixes_the_result_with_the_input(denoise, frame, work):
+    image = frame["color"].copy()
+    image[3, 4] = np.nan, np.inf, -np.inf
+    t.write_pfm(work / "in.pfm", image)
+
+    def run(*options) -> np.ndarray:
+        done = denoise("--hdr", "in.pfm", "-o", "out.pfm", "-q", "fast", *options)
+        assert done.code == 0, done.err
+        return t.read_pfm(work / "out.pfm")
+
+    whole, good = run(), np.isfinite(image)
+    assert np.array_equal(run("--strength", 1), whole)
+    assert np.array_equal(run("--strength", 0)[good], image[good])
+    half = run("--strength", 0.5)
+    assert np.allclose(half[good], (0.5 * (image + whole))[good], rtol=1e-5)
+    assert np.array_equal(half[~good], whole[~good])
+    for more in (["--inplace"], ["--inplace", "-n", 2], ["--buffer", "device"], ["-n", 3]):
+        assert np.array_equal(run("--strength", 0.5, *more), half)
+
+
+@pytest.mark.parametrize("value", ["-0.1", "1.5", "nan", "much"])
+def test_impossible_strengths(denoise, frame, work, value):
+    done = denoise("--hdr", "color.pfm", "-o", "out.pfm", "--strength", value)
+    assert done.code == 1 and "--strength" in done.error and not (work / "out.pfm").exists()
+
+
 # ---- Comparison ----------------------------------------------------------------------------------
 
 
