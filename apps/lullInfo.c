@@ -1,7 +1,7 @@
-/* lullInfo: what lull sees. Without arguments the processor, the ports of this build, the OpenCL
- * device and the built-in models; of weights files the network, its cost and memory; of images
- * their size, layers and values; with --compare the distance of images from a reference.
- * docs/apps.md is its manual. */
+/* lullInfo: what lull sees. Without arguments the processor, the ports of this build and the
+ * built-in models; with --opencl the OpenCL device; of weights files the network, its cost and
+ * memory; of images their size, layers and values; with --compare the distance of images from a
+ * reference. docs/apps.md is its manual. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -20,7 +20,7 @@ typedef struct settings {
     const char **files; /* [argc] */
     int count;
     int width, height;
-    int is_json, is_help;
+    int is_json, is_help, tells_opencl;
 } settings;
 
 /* ---- Processor ------------------------------------------------------------------------------- */
@@ -65,7 +65,8 @@ static void tell_ports(json *report)
     json_close(report, '}');
 }
 
-/* The OpenCL device that would be used, or why there is none. */
+/* The OpenCL device that would be used, or why there is none. Asked for only: some drivers end the
+ * program where they do not like the machine. */
 static void tell_opencl(json *report)
 {
     OIDNDevice device = oidnNewDevice((OIDNDeviceType)LULL_DEVICE_TYPE_OPENCL);
@@ -391,6 +392,8 @@ static const option table[] = {
      "distance of the images from this one"},
     {OPTION_CALL, "s size", 0, 0, 0, NULL, set_size, 2, "W H",
      "frame whose memory is told of weights (1920 1080)"},
+    {OPTION_FLAG, "opencl", offsetof(settings, tells_opencl), 1, 0, NULL, NULL, 0, NULL,
+     "name the OpenCL device, too"},
     {OPTION_FLAG, "json", offsetof(settings, is_json), 1, 0, NULL, NULL, 0, NULL,
      "print one JSON object instead of text"},
     {OPTION_FLAG, "h help", offsetof(settings, is_help), 1, 0, NULL, NULL, 0, NULL, "this text"},
@@ -404,7 +407,8 @@ static exit_code run(const settings *s, json *report)
     exit_code code = EXIT_OK;
     if (!s->count && !s->reference) {
         tell_ports(report);
-        tell_opencl(report);
+        if (s->tells_opencl)
+            tell_opencl(report);
         return tell_builtin(s, report);
     }
     if (s->reference) {
