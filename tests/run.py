@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Runs the tests and counts them. Only the standard library; `make check` prepares what it needs.
 
-    tests/run.py --build build [--only unit,rules] [-k WORD] [--jobs N] [--list]
+    tests/run.py --build build [--only unit,rules] [-k WORD] [--jobs N] [--budget S] [--list]
 
 Suites are the folders of tests/. Each may hold C programs (listed in BUILD/tests.txt by make),
 scripts test_*.sh, and pytest files test_*.py. C programs and scripts report with a last line
@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import argparse
 import concurrent.futures
+import math
 import os
 import re
 import signal
@@ -36,6 +37,8 @@ SKIP_LINE = re.compile(r"^SKIP ([^:]+): (.*)$", re.MULTILINE)
 SKIPPED = 77  # exit status of a script that is skipped as a whole
 OPTIONAL = "optional: "
 FIRST = ("rules", "unit", "training")  # telling, and what takes longest; the others follow by name
+# Other compilers and other processors, half of all the work: what --budget leaves out.
+LAST = ("golden (pytest)", "test_cross", "test_windows")
 
 
 @dataclass
@@ -74,7 +77,7 @@ def find_jobs(build: Path) -> list[Job]:
     for folder in sorted({p.parent for p in (ROOT / "tests").glob("*/test_*.py")}):
         jobs.append(Job(folder.name, f"{folder.name} (pytest)", "pytest", folder))
     order = {suite: i for i, suite in enumerate(FIRST)}
-    return sorted(jobs, key=lambda j: (order.get(j.suite, len(FIRST)), j.suite))
+    return sorted(jobs, key=lambda j: (j.name in LAST, order.get(j.suite, len(FIRST)), j.suite))
 
 
 def suite_of_programs() -> dict[str, str]:
@@ -198,13 +201,15 @@ def run_pytest(job: Job, env: dict[str, str], limit: float, word: str) -> Result
     return result
 
 
-def run_job(job: Job, env: dict[str, str], limit: float, word: str) -> tuple[Result, float]:
+def run_job(job: Job, env: dict[str, str], args: argparse.Namespace) -> tuple[Result, float]:
     """What came of a job, and the seconds that it took."""
     start = time.monotonic()
-    if job.kind == "pytest":
-        result = run_pytest(job, env, limit, word)
+    if job.name in LAST and start > args.end:
+        result = Result(skips=[f"{job.name}: {OPTIONAL}{args.budget:g} s were over before it"])
+    elif job.kind == "pytest":
+        result = run_pytest(job, env, args.limit, args.word)
     else:
-        result = run_counted(job, env, limit)
+        result = run_counted(job, env, args.limit)
     if env.get("CI") == "true":
         missing = [s for s in result.skips if OPTIONAL not in s]
         for skip in missing:
@@ -227,7 +232,7 @@ def run_all(jobs: list[Job], env: dict[str, str], args: argparse.Namespace) -> R
     """Runs the jobs, args.jobs at once, and prints a line for each when it has ended."""
     total = Result()
     with concurrent.futures.ThreadPoolExecutor(args.jobs) as pool:
-        running = {pool.submit(run_job, job, env, args.limit, args.word): job for job in jobs}
+        running = {pool.submit(run_job, job, env, args): job for job in jobs}
         try:
             for future in concurrent.futures.as_completed(running):
                 result, seconds = future.result()
@@ -249,10 +254,13 @@ def main() -> int:
     parser.add_argument("--kinds", default="program,script,pytest", help="kinds of tests to run")
     parser.add_argument("-k", dest="word", default="", help="only what has this word in its name")
     parser.add_argument("--limit", type=float, default=3600, help="seconds for one program")
+    parser.add_argument("--budget", type=float, default=math.inf, metavar="S",
+                        help="seconds after which no other compilers and processors are begun with")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1,
                         help="programs that run at once (default: one for each processor)")
     parser.add_argument("--list", action="store_true", help="name the programs and stop")
     args = parser.parse_args()
+    args.end = time.monotonic() + args.budget
 
     build = (ROOT / args.build).resolve()
     if not (build / "tests.txt").exists():
