@@ -14,11 +14,13 @@
 #define LULL_NOINLINE __attribute__((noinline)) /* its buffers shall not join the caller's */
 #define LULL_RESTRICT __restrict__
 #define LULL_ALIGNED(n) __attribute__((aligned(n)))
+#define LULL_PREFETCH(p) __builtin_prefetch(p, 0, 2) /* for reading soon: into the L2 cache */
 #else
 #define LULL_INLINE static inline
 #define LULL_NOINLINE
 #define LULL_RESTRICT
 #define LULL_ALIGNED(n)
+#define LULL_PREFETCH(p) ((void)(p))
 #endif
 
 #if defined(__BYTE_ORDER__) && __BYTE_ORDER__ == __ORDER_BIG_ENDIAN__

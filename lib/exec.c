@@ -167,7 +167,9 @@ static unsigned take_batch(lull_task *t, unsigned l, const lull_host *host)
         t->groups++;
         l += g->layers;
     }
+    t->parts = count;
     parallel(plan, is_short(t) ? NULL : host, count, lull_exec_chunk, t);
+    t->ahead += LULL_FETCH;
     if (t->groups && t->group[t->groups - 1].stores)
         plan->stored = lull_min_u(plan->done[graph->layers], plan->frame.height);
     return l;
@@ -294,6 +296,7 @@ lull_status lull_run(lull_plan *plan, const lull_images *images, const lull_host
             const int loads = keep_going(&t, host);
             if (loads)
                 load(&t, lull_min_u(plan->done[0] + plan->row_step, plan->height), 0, host);
+            t.ahead = 0;
             if (!loads || !advance(&t, 0, host)) {
                 plan->done[0] = LULL_ROWS_IDLE;
                 return LULL_CANCELLED;
@@ -336,6 +339,7 @@ lull_status lull_rows(lull_plan *plan, const lull_images *images, unsigned rows,
     t.images = images;
     t.end = plan->frame.width;
     t.right = plan->width;
+    t.ahead = LULL_NOT_AHEAD; /* the next rows are not here yet */
     input_base = plan->done[0];
     store_base = plan->stored;
     last = input_base + rows == plan->frame.height ? plan->height : input_base + rows;

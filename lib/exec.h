@@ -21,6 +21,9 @@ typedef struct lull_task {
     const lull_images *images;
     lull_group group[LULL_GROUPS]; /* loops over layers: those that do not need each other */
     unsigned groups;
+    unsigned parts;                   /* of them, in the loop */
+    unsigned ahead;                   /* rows of input images fetched ahead, three for each row of
+                                       * the next step, or LULL_NOT_AHEAD */
     unsigned layer;                   /* the one that is made */
     unsigned first, rows, chunk;      /* loops over images: first row, rows, columns of a part */
     unsigned base_row;                /* row of the frame at the start of the images */
@@ -46,11 +49,18 @@ size_t lull_exec_plane(const lull_plan *plan, unsigned tensor);
 /* Row y of a tensor for reading; rows outside are zeros. */
 const uint8_t *lull_exec_source(const lull_plan *plan, unsigned tensor, int y);
 
+#define LULL_NOT_AHEAD 0x40000000u
+#define LULL_FETCH 2u /* rows of images that a loop over layers fetches ahead */
+
 /* Bodies of parallel_for. Context: a lull_task. */
 void lull_exec_load(void *context, unsigned index, unsigned worker);   /* a chunk of the input */
 void lull_exec_spread(void *context, unsigned index, unsigned worker); /* of the albedo */
 void lull_exec_chunk(void *context, unsigned index, unsigned worker);  /* of one of the groups */
 void lull_exec_store(void *context, unsigned index, unsigned worker);  /* of the output */
+
+/* Fetches into caches what the thread of index `index` will read of input images in the next step:
+ * reading is then done while layers are made, which wait for memory little. */
+void lull_exec_fetch(const lull_task *t, unsigned index);
 
 /* Stores columns [x, x+n) of row y of the output image. */
 void lull_exec_store_part(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker);

@@ -211,6 +211,24 @@ static void load_kernel(const lull_task *t, float *block, unsigned x, unsigned y
         load_aux(t, from.albedo, from.normal, x, y, n);
 }
 
+void lull_exec_fetch(const lull_task *t, unsigned index)
+{
+    enum { LINE = 64 };
+    const lull_frame *frame = &t->plan->frame;
+    unsigned right = lull_min_u(t->right, frame->width), columns = right - t->left;
+    for (unsigned i = t->ahead; i < t->ahead + LULL_FETCH && i < 3 * t->plan->row_step; i++) {
+        const lull_image *image = lull_exec_feature(t->images, i % 3);
+        unsigned y = t->plan->done[0] + i / 3;
+        const uint8_t *from, *end;
+        if (y >= frame->height || !(frame->features >> (i % 3) & 1))
+            continue;
+        from = lull_image_pixel(image, frame->width, t->left + columns * index / t->parts, y);
+        end = lull_image_pixel(image, frame->width, t->left + columns * (index + 1) / t->parts, y);
+        for (; from < end; from += LINE)
+            LULL_PREFETCH(from);
+    }
+}
+
 void *lull_exec_scratch(const lull_task *t, unsigned worker)
 {
     return (uint8_t *)t->plan + t->plan->scratch + t->plan->scratch_bytes * worker;

@@ -409,12 +409,14 @@ static const lull_group *find_group(const lull_task *t, unsigned *index)
 /* One chunk of columns of a row, or two rows, of the layers of a group. */
 void lull_exec_chunk(void *context, unsigned index, unsigned worker)
 {
+    const unsigned part = index;
     lull_task t = *(const lull_task *)context;
     const lull_group *g = find_group(context, &index);
     const lull_layer *layer = &t.plan->model->graph.layer[g->layer];
     unsigned x = index / g->rows * g->chunk;
     unsigned y = g->first + index % g->rows * lull_plan_rows(t.plan, g->layer);
     unsigned n = lull_min_u(g->chunk, ((t.right - t.left) >> layer->level) - x);
+    lull_exec_fetch(&t, part);
     for (t.layer = g->layer; t.layer < g->layer + g->layers; t.layer++, layer++) {
         if (layer->is_winograd)
             lull_exec_winograd(&t, x, y, n, worker);

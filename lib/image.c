@@ -83,7 +83,7 @@ size_t lull_image_row_stride(const lull_image *image, unsigned width)
     return image->row_stride ? image->row_stride : width * lull_image_pixel_stride(image);
 }
 
-static uint8_t *pixel_at(const lull_image *image, unsigned width, unsigned x, unsigned y)
+uint8_t *lull_image_pixel(const lull_image *image, unsigned width, unsigned x, unsigned y)
 {
     return (uint8_t *)image->data + (size_t)y * lull_image_row_stride(image, width)
            + (size_t)x * lull_image_pixel_stride(image);
@@ -97,7 +97,7 @@ static int is_tight(const lull_image *image, lull_type type)
 
 float *lull_image_floats(const lull_image *image, unsigned width, unsigned x, unsigned y)
 {
-    uint8_t *p = pixel_at(image, width, x, y);
+    uint8_t *p = lull_image_pixel(image, width, x, y);
     return is_tight(image, LULL_F32) && (uintptr_t)p % sizeof(float) == 0 ? (float *)(void *)p
                                                                            : NULL;
 }
@@ -105,7 +105,7 @@ float *lull_image_floats(const lull_image *image, unsigned width, unsigned x, un
 void lull_image_load(float *out, const lull_image *image, unsigned width, unsigned x, unsigned y,
                      unsigned n)
 {
-    const uint8_t *p = pixel_at(image, width, x, y);
+    const uint8_t *p = lull_image_pixel(image, width, x, y);
     size_t stride = lull_image_pixel_stride(image), element = element_bytes[image->type];
     size_t second = image->channels > 1 ? element : 0;
     size_t third = image->channels > 2 ? 2 * element : second;
@@ -130,7 +130,7 @@ void lull_image_load(float *out, const lull_image *image, unsigned width, unsign
 void lull_image_store(const lull_image *image, unsigned width, unsigned x, unsigned y, unsigned n,
                       const float *in)
 {
-    uint8_t *p = pixel_at(image, width, x, y);
+    uint8_t *p = lull_image_pixel(image, width, x, y);
     size_t stride = lull_image_pixel_stride(image), element = element_bytes[image->type];
     void (*store)(uint8_t *, float) = store_element[image->type];
     size_t i;

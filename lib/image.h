@@ -15,7 +15,10 @@ size_t lull_image_pixel_bytes(const lull_image *image);
 size_t lull_image_pixel_stride(const lull_image *image);
 size_t lull_image_row_stride(const lull_image *image, unsigned width);
 
-/* Pixel x of row y if the row is tight (r,g,b) floats where a float may stand; else NULL. */
+/* Pixel x of row y. */
+uint8_t *lull_image_pixel(const lull_image *image, unsigned width, unsigned x, unsigned y);
+
+/* The same if the row is tight (r,g,b) floats where a float may stand; else NULL. */
 float *lull_image_floats(const lull_image *image, unsigned width, unsigned x, unsigned y);
 
 /* Columns [x, x+n) of row y into out[0..3n) as (r,g,b) floats, unchanged (NaN and infinities too).
