@@ -238,6 +238,7 @@ static bool make_engine_plan(OIDNFilter filter, const lull_frame *frame, const l
     if (!filter->engine_plan)
         return false;
     engine->get_info(filter->engine_plan, &filter->plan_info);
+    filter->plan_bytes = filter->plan_info.bytes;
     return true;
 }
 

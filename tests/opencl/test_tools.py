@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
@@ -62,6 +63,7 @@ def test_verbose_names_the_hardware(run, device, picture):
     done = run("oidnDenoise", *picture, "-o", "out.pfm", "-d", "opencl", "-v", 2)
     assert f"Device  : {device}\n    Type  : OpenCL\n" in done.stdout
     assert "Network: kernel5" in done.stdout
+    assert int(re.search(r"Memory : .*plan (\d+),", done.stdout)[1]) > 75 * 91 * 100
 
 
 def test_benchmark(run, device):
