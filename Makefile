@@ -252,19 +252,16 @@ $(BUILD)/gen/weights.c: $(BUILD)/host/embed $(wildcard weights/*.tza)
 	@mkdir -p $(@D)
 	$(call say,EMBED,$@)$< weights $@
 
-$(BUILD)/obj/weights.o: $(BUILD)/gen/weights.c $(BUILD)/settings.txt
-	@mkdir -p $(@D)
-	$(call say,CC,$<)$(CC) $(BASE_FLAGS) $(STRICT) $(CFLAGS) -Iweights -Ilib -MMD -MP -c -o $@ $<
-
 # ---- The program for OpenCL devices --------------------------------------------------------------
 
 $(BUILD)/gen/opencl_source.c: $(BUILD)/host/embed $(OPENCL_TEXTS)
 	@mkdir -p $(@D)
 	$(call say,EMBED,$@)$< --text lull_opencl_source $@ $(OPENCL_TEXTS)
 
-$(BUILD)/obj/opencl_source.o: $(BUILD)/gen/opencl_source.c $(BUILD)/settings.txt
+# Both are C files that need nothing but a compiler.
+$(BUILD)/obj/%.o: $(BUILD)/gen/%.c $(BUILD)/settings.txt
 	@mkdir -p $(@D)
-	$(call say,CC,$<)$(CC) $(BASE_FLAGS) $(CFLAGS) -MMD -MP -c -o $@ $<
+	$(call say,CC,$<)$(compile)
 
 # ---- Linking -------------------------------------------------------------------------------------
 

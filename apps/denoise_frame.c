@@ -325,9 +325,10 @@ static exit_code verify(frame_job *job, comparison *result)
 /* Says what quality `auto` came to. */
 static void report_quality(const frame_job *job)
 {
-    const char *used = device_used_quality(job->session->filter);
+    const char *used;
     if (job->settings->quality != LULL_QUALITY_AUTO)
         return;
+    used = device_used_quality(job->session->filter);
     report_line("  quality=%s\n", used);
     json_text(job->session->report, "quality", used);
 }

@@ -6,7 +6,7 @@
  * whole frame, but for the context that it lacks at its edges. */
 #include "internal.h"
 
-#include "../lib/difference.h"
+#include "../lib/exec_difference.h"
 
 #include <string.h>
 

@@ -152,7 +152,6 @@ static bool choose_device(lull_opencl *cl, lull_fault *fault)
         return lull_fail(fault, OIDN_ERROR_UNSUPPORTED_HARDWARE, "the OpenCL device %s lacks %s",
                          cl->name, why);
     cl->most_bytes = info_number(&cl->api, cl->device, CL_DEVICE_MAX_MEM_ALLOC_SIZE, 8);
-    cl->memory_bytes = info_number(&cl->api, cl->device, CL_DEVICE_GLOBAL_MEM_SIZE, 8);
     return true;
 }
 

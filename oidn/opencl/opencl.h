@@ -1,5 +1,5 @@
-/* OpenCL devices: an executor of whole frames (docs/design.md, seam 3) for the networks of family
- * K. Kernels: ports/opencl. The library is loaded when a device is asked for, and stays loaded. */
+/* OpenCL devices: an executor of whole frames (docs/design.md, seam 3) for integer networks.
+ * Kernels: ports/opencl. The library is loaded when a device is asked for, and stays loaded. */
 #ifndef LULL_OIDN_OPENCL_H
 #define LULL_OIDN_OPENCL_H
 
@@ -31,7 +31,6 @@ typedef struct lull_opencl {
     cl_program program;
     cl_kernel kernel[LULL_CL_KERNEL_COUNT]; /* their arguments belong to the queue's thread */
     uint64_t most_bytes;                    /* of one block of memory */
-    uint64_t memory_bytes;                  /* of all */
     long process;                           /* that opened it: it does not survive a fork */
     char name[256];
 } lull_opencl;

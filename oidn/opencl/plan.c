@@ -24,15 +24,13 @@ struct lull_engine_plan {
 
 /* ---- Sizes ----------------------------------------------------------------------------------- */
 
-static unsigned smaller(unsigned a, unsigned b) { return a < b ? a : b; }
-
 /* Bytes of tiles of that much output. */
 static uint64_t tile_bytes(lull_engine_plan *plan, unsigned width, unsigned height)
 {
     const unsigned overlap = 2 * plan->host.model->graph.margin;
 
-    lull_cl_schedule_make(&plan->schedule, smaller(width + overlap, plan->host.frame.width),
-                          smaller(height + overlap, plan->host.frame.height));
+    lull_cl_schedule_make(&plan->schedule, lull_min_u(width + overlap, plan->host.frame.width),
+                          lull_min_u(height + overlap, plan->host.frame.height));
     return plan->schedule.bytes;
 }
 
@@ -50,8 +48,8 @@ static bool choose_tiles(lull_engine_plan *plan, uint64_t model_bytes, lull_faul
     plan->tile_width = plan->host.width;
     plan->tile_height = plan->host.height;
     if (frame->strip_width) { /* the overlap then costs about as much again */
-        plan->tile_width = smaller(2 * frame->strip_width, plan->host.width);
-        plan->tile_height = smaller(2 * frame->strip_width, plan->host.height);
+        plan->tile_width = lull_min_u(2 * frame->strip_width, plan->host.width);
+        plan->tile_height = lull_min_u(2 * frame->strip_width, plan->host.height);
     }
     while (tile_bytes(plan, plan->tile_width, plan->tile_height) > most) {
         longer = plan->tile_width > plan->tile_height ? &plan->tile_width : &plan->tile_height;
@@ -284,7 +282,7 @@ static void load_codes(void *context, unsigned index, unsigned worker)
         memset(pixel_at(r, i, 0, y) - s->extent[r->tensor[i]].before % pitch, 0, pitch);
     }
     for (x = 0; y >= 0 && y < s->height && x < s->width; x += n) {
-        n = (int32_t)smaller(LULL_BLOCK, (unsigned)(s->width - x));
+        n = (int32_t)lull_min_u(LULL_BLOCK, (unsigned)(s->width - x));
         for (i = 0; i < 2; i++) {
             row.pixel[i] = s->tensor[r->tensor[i]].pixel;
             row.to[i] = r->pixels[i] ? pixel_at(r, i, x, y) : NULL;
@@ -303,7 +301,7 @@ static void store_codes(void *context, unsigned index, unsigned worker)
 
     (void)worker;
     for (x = r->begin_x; x < r->end_x; x += n) {
-        n = smaller(LULL_BLOCK, r->end_x - x);
+        n = lull_min_u(LULL_BLOCK, r->end_x - x);
         lull_exec_output(r->plan->host.model, block,
                          pixel_at(r, 0, (long)(x - r->left), (long)(y - r->top)),
                          r->plan->schedule.tensor[r->tensor[0]].pixel, n);
@@ -447,17 +445,17 @@ static lull_status run_tile(run *r, unsigned x, unsigned y)
     lull_engine_plan *plan = r->plan;
     const lull_frame *frame = &plan->host.frame;
     const unsigned margin = plan->host.model->graph.margin;
-    const unsigned end_y = smaller(y + plan->tile_height, frame->height);
+    const unsigned end_y = lull_min_u(y + plan->tile_height, frame->height);
     lull_status status;
 
     r->begin_x = x;
     r->begin_y = y;
-    r->end_x = smaller(x + plan->tile_width, frame->width);
+    r->end_x = lull_min_u(x + plan->tile_width, frame->width);
     r->left = x > margin ? x - margin : 0;
     r->top = y > margin ? y - margin : 0;
     lull_cl_schedule_make(&plan->schedule,
-                          smaller(x + plan->tile_width + margin, frame->width) - r->left,
-                          smaller(y + plan->tile_height + margin, frame->height) - r->top);
+                          lull_min_u(x + plan->tile_width + margin, frame->width) - r->left,
+                          lull_min_u(y + plan->tile_height + margin, frame->height) - r->top);
     if (!load_images(r))
         return LULL_ERROR_UNSUPPORTED;
     status = run_steps(r);

@@ -14,12 +14,10 @@ typedef struct shape {
     int32_t border;        /* pixels of zeros around it */
 } shape;
 
-static int32_t round_up(int32_t n, int32_t to) { return (n + to - 1) / to * to; }
-
 /* Size of a level: padded as the network's, or what of it is inside the image. */
 static int32_t padded(int32_t size, unsigned level)
 {
-    return round_up(size, (int32_t)LULL_CELL) >> level;
+    return (int32_t)lull_align_up((size_t)size, LULL_CELL) >> level;
 }
 static int32_t inside(int32_t size, unsigned level) { return (size + (1 << level) - 1) >> level; }
 

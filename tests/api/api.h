@@ -100,6 +100,16 @@ static inline void free_identity(void)
     }
 }
 
+/* Gives a filter float3 images from in to out, tight, and commits it. */
+static inline void commit_tight(OIDNDevice device, OIDNFilter filter, float *in, float *out,
+                                size_t width, size_t height)
+{
+    oidnSetSharedFilterImage(filter, "color", in, OIDN_FORMAT_FLOAT3, width, height, 0, 0, 0);
+    oidnSetSharedFilterImage(filter, "output", out, OIDN_FORMAT_FLOAT3, width, height, 0, 0, 0);
+    oidnCommitFilter(filter);
+    ERROR(device, NONE);
+}
+
 /* A committed RT filter (srgb, so that the identity is exact) from in to out, float3, tight. */
 static inline OIDNFilter new_identity(OIDNDevice device, float *in, float *out, size_t width,
                                       size_t height)
@@ -108,10 +118,7 @@ static inline OIDNFilter new_identity(OIDNDevice device, float *in, float *out, 
 
     use_identity(filter, 3);
     oidnSetFilterBool(filter, "srgb", true);
-    oidnSetSharedFilterImage(filter, "color", in, OIDN_FORMAT_FLOAT3, width, height, 0, 0, 0);
-    oidnSetSharedFilterImage(filter, "output", out, OIDN_FORMAT_FLOAT3, width, height, 0, 0, 0);
-    oidnCommitFilter(filter);
-    ERROR(device, NONE);
+    commit_tight(device, filter, in, out, width, height);
     return filter;
 }
 

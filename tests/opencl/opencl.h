@@ -117,10 +117,7 @@ static inline OIDNFilter new_hdr(OIDNDevice device, float *in, float *out, size_
     OIDNFilter filter = oidnNewFilter(device, "RT");
 
     oidnSetFilterBool(filter, "hdr", true);
-    oidnSetSharedFilterImage(filter, "color", in, F3, width, height, 0, 0, 0);
-    oidnSetSharedFilterImage(filter, "output", out, F3, width, height, 0, 0, 0);
-    oidnCommitFilter(filter);
-    ERROR(device, NONE);
+    commit_tight(device, filter, in, out, width, height);
     return filter;
 }
 

@@ -25,7 +25,6 @@ LIB = {
     "curves": {"kernels"},
     "exposure": {"image", "transfer", "kernels"},
     "cpu": {"ports"},
-    "difference": {"image", "transfer"},
     "winograd": set(),
     "patches": set(),
     "bilateral": {"pixels"},

@@ -1,5 +1,5 @@
 /* How far two images lie apart on a display: against the formula in double precision. */
-#include "../../lib/difference.h"
+#include "../../lib/exec_difference.h"
 #include "check.h"
 
 #include <math.h>

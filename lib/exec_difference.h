@@ -1,6 +1,6 @@
 /* How far two results of a denoiser lie apart to a viewer. Stateless; from any thread. */
-#ifndef LULL_DIFFERENCE_H
-#define LULL_DIFFERENCE_H
+#ifndef LULL_EXEC_DIFFERENCE_H
+#define LULL_EXEC_DIFFERENCE_H
 
 #include "base.h"
 

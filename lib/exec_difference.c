@@ -1,23 +1,22 @@
-#include "difference.h"
+#include "exec_difference.h"
 
-#include <float.h>
-
+#include "exec.h"
 #include "image.h"
-#include "transfer.h"
 
 #define SOME 32u /* pixels compared together */
 
 /* n values of a main image to [0, 1], as they are displayed. */
 static void show(float *values, size_t n, const lull_frame *frame, float scale)
 {
-    if (frame->content == LULL_LIGHTMAP_DIR || frame->features == LULL_HAS_NORMAL) {
+    const lull_content_rule rule = lull_exec_content(frame);
+    if (rule.is_signed) {
         lull_sanitize(values, n, scale, -1.0f, 1.0f);
         for (size_t i = 0; i < n; i++)
             values[i] = 0.5f * values[i] + 0.5f;
         return;
     }
-    if (frame->content == LULL_HDR || frame->content == LULL_LIGHTMAP_HDR) {
-        lull_sanitize(values, n, scale, 0.0f, FLT_MAX);
+    if (rule.is_hdr) {
+        lull_sanitize(values, n, scale, 0.0f, LULL_FLT_MAX);
         for (size_t i = 0; i < n; i++)
             values[i] = values[i] / (1.0f + values[i]);
     } else {
