@@ -227,14 +227,15 @@ def defocused(x: np.ndarray, aux: np.ndarray, y: np.ndarray, spp: float, clean: 
     dy, dx = (away * np.sin(angle)).astype(np.float32), (away * np.cos(angle)).astype(np.float32)
     rows, columns = np.arange(h)[:, None], np.arange(w)[None, :]
 
-    def places(tap) -> tuple[np.ndarray, np.ndarray]:
+    def places(tap) -> np.ndarray:
         at = ((rows, dy[tap], h), (columns, dx[tap], w))
-        return tuple(np.clip(np.rint(i + radius * d).astype(int), 0, n - 1) for i, d, n in at)
+        y, x = (np.clip(np.rint(i + radius * d).astype(int), 0, n - 1) for i, d, n in at)
+        return y * w + x
 
     def mean(image: np.ndarray, where: list) -> np.ndarray:
-        total = np.zeros(image.shape, np.float32)
+        flat, total = image.reshape(h * w, -1), np.zeros(image.shape, np.float32)
         for at in where:
-            total += image[at]
+            total += flat.take(at, 0)
         return total / np.float32(len(where))
 
     draws = [rng.integers(0, DEFOCUS_TAPS, (h, w)) for _ in range(max(1, round(spp)))]

@@ -267,6 +267,21 @@ class Batches:
         return x * seen, aux, y * true
 
 
+class Alternating:
+    """Batches, but every n-th of them from `large`, whose tiles have another size."""
+
+    def __init__(self, batches: Batches, large: Batches, every: int):
+        self.batches, self.large, self.every = batches, large, every
+        self.pairs, self.steps_per_epoch = batches.pairs, batches.steps_per_epoch
+
+    def __len__(self) -> int:
+        return 1 << 62
+
+    def __getitem__(self, step: int) -> tuple[Tensor, Tensor]:
+        turn, place = divmod(step, self.every)
+        return self.large[turn] if place == self.every - 1 else self.batches[step]
+
+
 def random_cut(image: np.ndarray, h: int, w: int, rng: np.random.Generator) -> tuple[slice, slice]:
     """Where h x w pixels of an image [H,W,C] lie."""
     y, x = (int(rng.integers(0, n - t + 1)) for n, t in zip(image.shape, (h, w)))

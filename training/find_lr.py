@@ -53,7 +53,8 @@ def worker(settings: Settings, team: parallel.Team) -> None:
     loss_of = loss_of_settings(settings)
     growth = (settings.max_learning_rate / settings.learning_rate) ** (1 / (steps - 1))
     rows, smooth, best, bar = [], 0.0, math.inf, Bar(team.rank == 0)
-    for step, (x, y) in enumerate(parallel.loader(batches, range(steps), settings)):
+    loader = parallel.loader(batches, range(steps), settings, team)
+    for step, (x, y) in enumerate(loader):
         rate = settings.learning_rate * growth**step
         optimizer.schedule(rate)
         x = x.to(team.device)

@@ -1,8 +1,14 @@
 """The filter of family K (docs/kernel-prediction.md, section Filter), differentiable by the heads.
 
-One fused C++ operation on the CPU where it can be compiled, a chain of PyTorch's elsewhere.
+One fused C++ operation on the CPU where it can be compiled, a chain of PyTorch's elsewhere, with
+Triton's kernels in it on GPUs.
 """
 from __future__ import annotations
+
+import functools
+import importlib.util
+import os
+from collections.abc import Sequence
 
 import torch
 import torch.nn.functional as F
@@ -119,22 +125,21 @@ def plain(heads: list[Tensor], radiance: Tensor, albedo: Tensor, has_albedo: Ten
     logits are taken as they are where the integer engine subtracts their largest.
 
     whole: logits are rounded to codes."""
-    parts = [split_codes(q.to(radiance.dtype), PARTS if level else FULL_PARTS, whole)
-             for level, q in enumerate(heads)]
-    smooth = divisor(parts[0][3], albedo, has_albedo)
+    parts = [torch.split(q, PARTS if level else FULL_PARTS, 1) for level, q in enumerate(heads)]
+    smooth = divisor(parts[0][3], albedo, has_albedo, whole)
     i = first = radiance.clamp(0.0, RADIANCE_MAX) / smooth
     filtered = []
     for level in range(LEVELS):
-        c = torch.exp(parts[level][1] + CONFIDENCE)
+        c = torch.exp(logits_of(parts[level][1].to(radiance.dtype), whole) + CONFIDENCE)
         v = torch.cat((c, c * i), 1)
-        s = kernel_filter(parts[level][0], v)
+        s = weighted_sums(parts[level][0], v, whole)
         filtered.append(s[:, 1:] / s[:, :1])
         if level + 1 < LEVELS:
             pooled = F.avg_pool2d(v, 2, ceil_mode=True)
             i = pooled[:, 1:] / pooled[:, :1]
     out = filtered[-1]
     for level in range(LEVELS - 2, -1, -1):
-        beta = Blend.apply(parts[level][2] + BLEND)
+        beta = Blend.apply(logits_of(parts[level][2].to(radiance.dtype), whole) + BLEND)
         f = filtered[level]
         out = f + beta * (upsample(out)[..., :f.shape[-2], :f.shape[-1]] - f)
     with torch.no_grad():
@@ -142,9 +147,9 @@ def plain(heads: list[Tensor], radiance: Tensor, albedo: Tensor, has_albedo: Ten
     return out * smooth, smooth.detach(), noise
 
 
-def divisor(logits: Tensor, albedo: Tensor, has_albedo: Tensor) -> Tensor:
-    """Filtered albedo + EPS, [N,3,H,W], from the logits of its kernel; 1 without albedo."""
-    s = kernel_filter(logits, torch.cat((torch.ones_like(has_albedo), albedo), 1))
+def divisor(q: Tensor, albedo: Tensor, has_albedo: Tensor, whole: bool) -> Tensor:
+    """Filtered albedo + EPS, [N,3,H,W], from the head of its kernel; 1 without albedo."""
+    s = weighted_sums(q, torch.cat((torch.ones_like(has_albedo), albedo), 1), whole)
     smooth = s[:, 1:] / s[:, :1]
     return smooth * has_albedo + (1.0 - EPS) * (1.0 - has_albedo) + EPS
 
@@ -164,7 +169,7 @@ def smooth_result(out: Tensor, smooth: Tensor, noise: Tensor, radiance: Tensor, 
     return v * smooth
 
 
-def moved(v: Tensor, offsets: list[tuple[int, int]]) -> list[Tensor]:
+def moved(v: Tensor, offsets: Sequence[tuple[int, int]]) -> list[Tensor]:
     """v(p + k) for each offset k, (x, y), or the nearest pixel inside; v [N,C,H,W]."""
     h, w = v.shape[-2:]
     x, y = (max(abs(k[i]) for k in offsets) for i in (0, 1))
@@ -196,11 +201,14 @@ def guide_of(codes: Tensor) -> Tensor:
 
 def smoothed(out: Tensor, noise: Tensor, guide: Tensor, is_far: bool) -> Tensor:
     """export.smooth.smoothed of tensors [N,3,H,W]."""
+    offsets = (*OFFSETS, *FAR_OFFSETS * is_far)
+    if on_gpu(out):
+        constants = WIDTH_PER_CODE, WIDTH_MIN, WIDTH_MAX, RESULT_GAIN, GUIDE_GAIN, EPS
+        return gpu_kernels().Smoothed.apply(out, noise, guide, offsets, *map(float, constants))
     width = sum(moved(noise, [(-1, 0), (0, 0), (1, 0)])) * float(WIDTH_PER_CODE)
     width = width.clamp(float(WIDTH_MIN), float(WIDTH_MAX))
     gain = (float(RESULT_GAIN) / width) / (out + EPS)
     weights, total = torch.ones_like(out[:, :1]), torch.zeros_like(out)
-    offsets = [*OFFSETS, *FAR_OFFSETS * is_far]
     for there, guided in zip(moved(out, offsets), moved(guide, offsets)):
         change = there - out
         apart = (guided - guide).square().sum(1, keepdim=True)
@@ -231,23 +239,37 @@ def corrected(out: Tensor, smooth: Tensor, noise: Tensor, radiance: Tensor) -> T
     return out + out * (gain[..., :h, :w] * share)
 
 
-def split_codes(q: Tensor, counts: list[int], whole: bool = True) -> tuple[Tensor, ...]:
-    """q [N,C,H,W] as whole codes of 0..255 over STEP, in parts of counts[i] channels."""
+def logits_of(q: Tensor, whole: bool = True) -> Tensor:
+    """Heads as whole codes of 0..255 over STEP."""
     codes = Clamp.apply(q * STEP, 0.0, 255.0)
-    return torch.split((Round.apply(codes) if whole else codes) / STEP, counts, 1)
+    return (Round.apply(codes) if whole else codes) / STEP
+
+
+@functools.cache
+def gpu_kernels():
+    """kernel_triton, where there is Triton: it comes along with PyTorch for GPUs."""
+    if os.environ.get("LULL_FUSED") == "0" or not importlib.util.find_spec("triton"):
+        return None
+    return importlib.import_module("training.kernel_triton")
+
+
+def on_gpu(x: Tensor) -> bool:
+    return x.device.type == "cuda" and x.dtype == torch.float32 and gpu_kernels() is not None
+
+
+def weighted_sums(q: Tensor, v: Tensor, whole: bool) -> Tensor:
+    """kernel_filter by a head's 25 channels q [N,25,H,W]."""
+    if on_gpu(v):
+        return gpu_kernels().WeightedSums.apply(q, v, whole)
+    return kernel_filter(logits_of(q.to(v.dtype), whole), v)
 
 
 def kernel_filter(logits: Tensor, v: Tensor) -> Tensor:
     """out[c](p) = sum over the 5x5 taps k, row by row, of exp(logits[k](p)) * v[c](p + k), zeros
     outside; logits [N,25,H,W] (at most about 60), v [N,C,H,W]."""
-    e = logits.exp()
-    padded = F.pad(v, (RADIUS,) * 4)
-    h, w = v.shape[-2:]
-    out = torch.zeros_like(v)
-    for k in range(TAPS):
-        dy, dx = divmod(k, SIDE)
-        out = out + e[:, k:k + 1] * padded[:, :, dy:dy + h, dx:dx + w]
-    return out
+    n, c, h, w = v.shape
+    taps = F.unfold(v, SIDE, padding=RADIUS).view(n, c, TAPS, h, w)
+    return (logits.exp().unsqueeze(1) * taps).sum(2)
 
 
 def upsample(x: Tensor) -> Tensor:

@@ -154,18 +154,58 @@ def _member(rank: int, work, settings: Settings, world: int, local: int) -> None
         dist.destroy_process_group()
 
 
-def loader(batches, steps: range, settings: Settings) -> Iterable:
+def loader(batches, steps: range, settings: Settings, team: Team) -> Iterable:
     """Batches number `steps`, made by --num_loaders processes ahead of time, or here if 0."""
     workers = min(settings.num_loaders, len(steps))
     return torch.utils.data.DataLoader(
         batches, batch_size=None, sampler=steps, num_workers=workers,
-        multiprocessing_context="fork" if workers and sys.platform == "linux" else None)
+        multiprocessing_context="fork" if workers and sys.platform == "linux" else None,
+        pin_memory=team.device.type == "cuda")
 
 
 def compiled(model: torch.nn.Module, settings: Settings, team: Team) -> Callable:
-    default = "reduce-overhead" if team.device.type == "cuda" else "disable"
+    default = "graphs" if team.device.type == "cuda" else "disable"
     mode = settings.get("compile") or default
+    if mode == "graphs":
+        return Graphs(model, settings, team)
     return model if mode == "disable" else torch.compile(model, mode=mode)
+
+
+class Graphs:
+    """A model whose forward and backward passes are recorded as CUDA graphs, one pair for each size
+    of its input: a step of small networks is a thousand kernels, which take longer to launch than
+    to run."""
+
+    class Part(torch.nn.Module):
+        """What is recorded has to be a module of its own, or the model's forward is replaced."""
+
+        def __init__(self, model: torch.nn.Module):
+            super().__init__()
+            self.model = model
+
+        def forward(self, x: Tensor) -> Tensor:
+            return self.model(x)
+
+    def __init__(self, model: torch.nn.Module, settings: Settings, team: Team):
+        if team.device.type != "cuda":
+            raise ToolError("--compile graphs needs a cuda device", USAGE)
+        self.model, self.type, self.parts = model, precision(settings, "cuda"), {}
+
+    def __call__(self, x: Tensor) -> Tensor:
+        if x.shape not in self.parts:
+            # Weights in lower precision must be made anew in every step: nothing is cached.
+            with torch.autocast("cuda", self.type, self.type is not None, cache_enabled=False):
+                self.parts[x.shape] = torch.cuda.make_graphed_callables(
+                    self.Part(self.model), (torch.rand_like(x),))
+        return self.parts[x.shape](x)
+
+
+def precision(settings: Settings, device: str) -> torch.dtype | None:
+    """In which convolutions are computed, if not in fp32."""
+    wanted = settings.precision or ("mixed" if device == "cuda" else "fp32")
+    if wanted == "mixed" and device != "cuda":
+        raise ToolError("--precision mixed needs a cuda device; bf16 does not", USAGE)
+    return {"mixed": torch.float16, "bf16": torch.bfloat16}.get(wanted)
 
 
 class Mixed:
@@ -173,11 +213,8 @@ class Mixed:
 
     def __init__(self, settings: Settings, team: Team):
         self.device = team.device.type
-        wanted = settings.precision or ("mixed" if self.device == "cuda" else "fp32")
-        if wanted == "mixed" and self.device != "cuda":
-            raise ToolError("--precision mixed needs a cuda device; bf16 does not", USAGE)
-        self.type = {"mixed": torch.float16, "bf16": torch.bfloat16}.get(wanted)
-        self.scaler = torch.amp.GradScaler("cuda") if wanted == "mixed" else None
+        self.type = precision(settings, self.device)
+        self.scaler = torch.amp.GradScaler("cuda") if self.type == torch.float16 else None
 
     def autocast(self):
         if self.type is None:

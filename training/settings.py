@@ -192,6 +192,9 @@ def derive(script: str, v: dict[str, Any]) -> dict[str, Any]:
                             f"--num_devices {v['num_devices']}", USAGE)
         if v["tile_size"] < 16 or v["tile_size"] % 16:
             raise ToolError(f"--tile_size {v['tile_size']}: not a multiple of 16", USAGE)
+        if v.get("large_tiles") and v["batch_size"] % (4 * max(v["num_devices"], 1)):
+            raise ToolError(f"--large_tiles: a quarter of --batch_size {v['batch_size']} does not "
+                            f"divide by --num_devices {v['num_devices']}", USAGE)
         if v["seed"] is None:
             v["seed"] = time.time_ns() % (1 << 31)
     if script in ("infer", "export", "visualize") and not v["result"]:

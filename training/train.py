@@ -31,7 +31,7 @@ import torch
 from training import errors, parallel
 from training.augment import Augment
 from training.console import Bar, duration
-from training.data import Batches, Picture, from_raw, hold_out
+from training.data import Alternating, Batches, Picture, from_raw, hold_out
 from training.dead import REVIVED_UNTIL, Channels, report, revive
 from training.errors import DATA, INTERRUPTED, STATE, ToolError
 from training.integer_stage import quantize_aware
@@ -139,7 +139,7 @@ def worker(settings: Settings, team: parallel.Team) -> None:
                 "channels": channels.state()}
 
     board = Board(result.folder / "log", settings, enabled=team.rank == 0)
-    loader = parallel.loader(batches, range(step, plan.planned or plan.total), settings)
+    loader = parallel.loader(batches, range(step, plan.planned or plan.total), settings, team)
     bar, start = Bar(enabled=team.rank == 0), time.monotonic()
     loss_sum, loss_count, epoch_start = torch.zeros((), device=team.device), 0, start
     step_start = start
@@ -150,8 +150,8 @@ def worker(settings: Settings, team: parallel.Team) -> None:
             optimizer.schedule(rate, beta1)
 
             # One step.
-            x = x.to(team.device)
-            y = y.to(team.device)
+            x = x.to(team.device, non_blocking=True)
+            y = y.to(team.device, non_blocking=True)
             factor = balance(x, y, settings.balance) if settings.balance else None
             with mixed.autocast():
                 if teacher:
@@ -232,10 +232,22 @@ def worker(settings: Settings, team: parallel.Team) -> None:
         quantize_aware(result, settings, pictures, say)
 
 
-def make_batches(pictures: list[Picture], settings: Settings, team: parallel.Team) -> Batches:
+def make_batches(pictures: list[Picture], settings: Settings,
+                 team: parallel.Team) -> Batches | Alternating:
     s = settings
-    return Batches(pictures, s.features, s.main_feature, s.transfer, s.batch_size, s.tile_size,
-                   s.seed, Augment.of(s), s.clean_aux, team.rank, team.world, s.family)
+
+    def of(pictures: list[Picture], count: int, tile: int, seed: int) -> Batches:
+        return Batches(pictures, s.features, s.main_feature, s.transfer, count, tile, seed,
+                       Augment.of(s), s.clean_aux, team.rank, team.world, s.family)
+
+    batches, every = of(pictures, s.batch_size, s.tile_size, s.seed), s.get("large_tiles")
+    if not every:
+        return batches
+    side = 2 * s.tile_size
+    large = [p for p in pictures if min(p.target.shape[:2]) >= side]
+    if not large:
+        raise ToolError(f"--large_tiles: no image is larger than {side - 1}x{side - 1}", DATA)
+    return Alternating(batches, of(large, s.batch_size // 4, side, s.seed + 1), every)
 
 
 def due(epoch: int, every: int) -> bool:

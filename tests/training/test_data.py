@@ -13,13 +13,15 @@ from hypothesis import strategies as st
 from export.tza import Reader
 from tests.training.tools import make_raw, noisy, picture, write_features
 from training import color, preprocess
-from training.data import Augment, Batches, Picture, load_group, shuffle
+from training.data import Alternating, Augment, Batches, Picture, load_group, shuffle
 from training.errors import ToolError
 from training.features import encode, load
 from training.imageio import write_exr, write_image
+from training.parallel import Team
 from training.scan import CHANNELS, scan
 from training.settings import parse
 from training.store import find_stored, read_pictures
+from training.train import make_batches
 
 F = ["hdr", "alb", "nrm"]
 
@@ -305,3 +307,26 @@ def test_noise_of_the_synthetic_data_falls_with_spp():
     clean = picture(0)
     errors = [np.abs(noisy(clean, n, 0)["hdr"] - clean["hdr"]).mean() for n in (1, 4, 16, 64)]
     assert errors == sorted(errors, reverse=True)
+
+
+def test_every_nth_batch_is_of_large_tiles(tmp_path):
+    """The others are what they would be without them; large ones come from large images alone."""
+    make_raw(tmp_path, 3, spp=(4,))
+    small = [load_group(g, F, "hdr", "pu") for g in scan(tmp_path, F).groups]
+    large = Picture("large", [np.full((80, 72, 9), 0.25, np.float16)], [4.0],
+                    np.full((80, 72, 9), 0.5, np.float16))
+    s = parse("train", [*F, "-b", "8", "--ts", "32", "-s", "5", "--large_tiles", "3"])
+    team = Team(0, 1, torch.device("cpu"))
+    mixed, plain = (make_batches([*small, large], o, team) for o in (s, s.replace(large_tiles=0)))
+    assert isinstance(mixed, Alternating) and mixed.steps_per_epoch == plain.steps_per_epoch
+    for step in range(7):
+        x, y = mixed[step]
+        if step % 3 < 2:
+            assert all(torch.equal(a, b) for a, b in zip((x, y), plain[step]))
+        else:
+            assert x.shape == (2, 9, 64, 64) and set(np.unique(x)) <= {0.0, 0.25}
+    assert torch.equal(mixed[5][0], mixed[5][0])
+    with pytest.raises(ToolError, match="no image is larger than 63x63"):
+        make_batches(small, s, team)
+    with pytest.raises(ToolError, match="a quarter of --batch_size 6 does not divide"):
+        parse("train", [*F, "-b", "6", "--large_tiles", "3"])

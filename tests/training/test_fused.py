@@ -1,7 +1,11 @@
 """The fused operations of training/csrc against the chains of PyTorch's that they replace."""
 from __future__ import annotations
 
+import importlib.util
+import os
 import shutil
+import subprocess
+import sys
 import sysconfig
 from pathlib import Path
 
@@ -276,3 +280,45 @@ def test_codes_of_the_input(both, kind):
     ours, plain = both(lambda: kernel_net.encode(radiance, x, kind).float().numpy() * 255)
     assert np.abs(ours - plain).max() <= 1.001  # rounding of single codes
     assert (np.abs(ours - plain) < 1e-4).mean() > 0.999
+
+
+TRITON = """
+import torch
+from training import kernel_filter
+from training.kernel_triton import Smoothed, WeightedSums
+torch.manual_seed(2)
+fp32, bf16 = torch.float32, torch.bfloat16
+for (n, h, w), whole, kind in (((2, 9, 13), True, fp32), ((1, 16, 16), False, fp32),
+                               ((2, 16, 8), True, bf16)):
+    head = (torch.rand(n, 52, h, w) * 20 - 2).to(kind)  # of codes within their range and beyond
+    head = head.to(memory_format=torch.channels_last).requires_grad_()
+    v, g = torch.rand(n, 4, h, w).requires_grad_(), torch.randn(n, 4, h, w)
+    def run(sums):
+        out = sums(head[:, 27:], v, whole)
+        return out, *torch.autograd.grad((out * g).sum(), (head, v))
+    for a, b, share in zip(run(WeightedSums.apply), run(kernel_filter.weighted_sums),
+                           (1e-6, 1e-6 if kind == fp32 else 2**-7, 1e-6)):
+        assert a.dtype == b.dtype and (a - b).abs().max() <= share * b.abs().max()
+k = kernel_filter
+constants = k.WIDTH_PER_CODE, k.WIDTH_MIN, k.WIDTH_MAX, k.RESULT_GAIN, k.GUIDE_GAIN, k.EPS
+for n, h, w, is_far in ((2, 9, 13, True), (1, 32, 40, False), (2, 5, 40, True)):
+    v = (torch.rand(n, 1, h, w) * 2 + torch.rand(n, 3, h, w) * 0.05).requires_grad_()
+    noise, guide = (torch.randint(0, top, (n, c, h, w)).float() for top, c in ((255, 1), (3, 2)))
+    g = torch.randn(n, 3, h, w)
+    ours = Smoothed.apply(v, noise, guide, (*k.OFFSETS, *k.FAR_OFFSETS * is_far),
+                          *map(float, constants))
+    theirs = k.smoothed(v, noise, guide, is_far)
+    assert (theirs - v).abs().mean() > 0.02
+    for a, b in ((ours, theirs), [torch.autograd.grad((x * g).sum(), v)[0] for x in (ours, theirs)]):
+        assert (a - b).abs().max() <= 1e-6 * b.abs().max()
+print("alike")
+"""
+
+
+def test_kernels_for_gpus():
+    """Triton's interpreter runs them without a GPU; it has to be asked before it is imported."""
+    if importlib.util.find_spec("triton") is None:
+        pytest.skip("optional: no Triton")
+    run = subprocess.run([sys.executable, "-c", TRITON], capture_output=True, text=True,
+                         env={**os.environ, "TRITON_INTERPRET": "1"})
+    assert run.stdout == "alike\n", run.stderr

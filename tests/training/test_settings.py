@@ -1,6 +1,7 @@
 """Options: names, defaults, derived defaults, precedence; files that ship with the project."""
 
 import json
+import importlib.util
 import re
 import subprocess
 import sys
@@ -184,7 +185,8 @@ def test_golden_vectors_are_what_torch_computes(root, tmp_path):
 
 def test_no_work_at_import(root):
     """Importing every module prints nothing and opens no file in the working folder."""
-    modules = [f"training.{p.stem}" for p in Path(root / "training").glob("*.py")]
+    modules = [f"training.{p.stem}" for p in Path(root / "training").glob("*.py")
+               if p.stem != "kernel_triton" or importlib.util.find_spec("triton")]
     code = "import sys\n" + "\n".join(f"import {m}" for m in sorted(modules))
     done = subprocess.run([sys.executable, "-c", code], cwd=root, capture_output=True, text=True,
                           timeout=600)
