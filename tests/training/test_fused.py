@@ -309,7 +309,8 @@ for n, h, w, is_far in ((2, 9, 13, True), (1, 32, 40, False), (2, 5, 40, True)):
                           *map(float, constants))
     theirs = k.smoothed(v, noise, guide, is_far)
     assert (theirs - v).abs().mean() > 0.02
-    for a, b in ((ours, theirs), [torch.autograd.grad((x * g).sum(), v)[0] for x in (ours, theirs)]):
+    gradients = [torch.autograd.grad((x * g).sum(), v)[0] for x in (ours, theirs)]
+    for a, b in ((ours, theirs), gradients):
         assert (a - b).abs().max() <= 1e-6 * b.abs().max()
 print("alike")
 """
