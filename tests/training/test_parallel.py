@@ -6,8 +6,12 @@ import subprocess
 import sys
 
 import pytest
+import torch
 
 from tests.training.test_train import port
+from training import parallel
+from training.errors import ToolError
+from training.settings import parse
 
 MEMBER = """
 import torch
@@ -37,3 +41,11 @@ def test_closed_group_leaves_no_threads(root, tmp_path):
                          env=env, capture_output=True, text=True, timeout=600)
     assert run.returncode == 0, run.stderr
     assert run.stdout.count("[") == 2 and "gloo" not in run.stdout
+
+
+def test_graphs_are_for_gpus():
+    model, team = torch.nn.Conv2d(3, 3, 1), parallel.Team(0, 1, torch.device("cpu"))
+    s = parse("train", ["hdr", "-b", "1", "--compile", "graphs"])
+    with pytest.raises(ToolError, match="--compile graphs needs a cuda device"):
+        parallel.compiled(model, s, team)
+    assert parallel.compiled(model, s.replace(compile=None), team) is model
