@@ -1,5 +1,5 @@
-"""The weighted sums of the filter of family K as Triton kernels, for GPUs: what kernel_filter.plain
-does in 150 passes over memory, forward and back, in two."""
+"""Two parts of kernel_filter as Triton kernels, for GPUs: the weighted sums of the filter, and the
+smoothing along its result. Each is one pass over memory and one back, in place of a hundred."""
 from __future__ import annotations
 
 import functools
@@ -21,8 +21,8 @@ def code_of(q, whole: tl.constexpr, top: tl.constexpr, step: tl.constexpr):
 
 
 @triton.jit
-def forward(q, v, out, height, width, qn, qc, qy, qx, whole: tl.constexpr, block: tl.constexpr,
-            side: tl.constexpr, top: tl.constexpr, step: tl.constexpr):
+def sum_forward(q, v, out, height, width, qn, qc, qy, qx, whole: tl.constexpr,
+                block: tl.constexpr, side: tl.constexpr, top: tl.constexpr, step: tl.constexpr):
     image = tl.program_id(1).to(tl.int64)
     p = tl.program_id(0) * block + tl.arange(0, block)
     y, x = p // width, p % width
@@ -48,9 +48,9 @@ def forward(q, v, out, height, width, qn, qc, qy, qx, whole: tl.constexpr, block
 
 
 @triton.jit
-def backward(q, v, g, dq, dv, height, width, qn, qc, qy, qx, dn, dc, dy, dx,
-             whole: tl.constexpr, block: tl.constexpr, side: tl.constexpr, top: tl.constexpr,
-             step: tl.constexpr):
+def sum_backward(q, v, g, dq, dv, height, width, qn, qc, qy, qx, dn, dc, dy, dx,
+                 whole: tl.constexpr, block: tl.constexpr, side: tl.constexpr, top: tl.constexpr,
+                 step: tl.constexpr):
     image = tl.program_id(1).to(tl.int64)
     p = tl.program_id(0) * block + tl.arange(0, block)
     y, x = p // width, p % width
@@ -108,7 +108,7 @@ class WeightedSums(torch.autograd.Function):
     def forward(ctx, q: Tensor, v: Tensor, whole: bool) -> Tensor:
         v = v.contiguous()
         out = torch.empty_like(v)
-        launched(forward, q, v, out, *v.shape[2:], *q.stride(), whole=whole)
+        launched(sum_forward, q, v, out, *v.shape[2:], *q.stride(), whole=whole)
         ctx.save_for_backward(q, v)
         ctx.whole = whole
         return out
@@ -118,7 +118,7 @@ class WeightedSums(torch.autograd.Function):
         q, v = ctx.saved_tensors
         dq = torch.empty_like(q, memory_format=torch.channels_last)
         dv = torch.empty_like(v)
-        launched(backward, q, v, g.contiguous(), dq, dv, *v.shape[2:], *q.stride(),
+        launched(sum_backward, q, v, g.contiguous(), dq, dv, *v.shape[2:], *q.stride(),
                  *dq.stride(), whole=ctx.whole)
         return dq, dv, None
 
