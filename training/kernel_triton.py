@@ -9,8 +9,9 @@ import triton
 import triton.language as tl
 from torch import Tensor
 
-BLOCK = 128                # pixels of a program
-SIDE, STEP = 5, 16.0       # of the kernels; codes per unit of a logit
+from training.kernel_filter import SIDE, STEP
+
+BLOCK = 128  # pixels of a program
 TOP_CODE = 255.0
 
 
@@ -18,6 +19,24 @@ TOP_CODE = 255.0
 def code_of(q, whole: tl.constexpr, top: tl.constexpr, step: tl.constexpr):
     code = tl.minimum(tl.maximum(q.to(tl.float32) * step, 0.0), top)
     return tl.floor(code + 0.5) if whole else code
+
+
+@triton.jit
+def weighed(s0, s1, s2, s3, logit, value, plane, there, whole: tl.constexpr, top: tl.constexpr,
+            step: tl.constexpr):
+    """Sums of four planes with the value at a pointer, by the weight of the logit at another."""
+    e = tl.exp(code_of(tl.load(logit, there, 0.0), whole, top, step) / step)
+    return (s0 + e * tl.load(value, there, 0.0), s1 + e * tl.load(value + plane, there, 0.0),
+            s2 + e * tl.load(value + 2 * plane, there, 0.0),
+            s3 + e * tl.load(value + 3 * plane, there, 0.0))
+
+
+@triton.jit
+def store(to, s0, s1, s2, s3, plane, inside):
+    tl.store(to, s0, inside)
+    tl.store(to + plane, s1, inside)
+    tl.store(to + 2 * plane, s2, inside)
+    tl.store(to + 3 * plane, s3, inside)
 
 
 @triton.jit
@@ -34,17 +53,9 @@ def sum_forward(q, v, out, height, width, qn, qc, qy, qx, whole: tl.constexpr,
     for k in range(side * side):
         ty, tx = y + (k // side - side // 2), x + (k % side - side // 2)
         there = inside & (ty >= 0) & (ty < height) & (tx >= 0) & (tx < width)
-        e = tl.exp(code_of(tl.load(logits + k * qc, inside, 0.0), whole, top, step) / step)
-        tap = values + ty * width + tx
-        s0 += e * tl.load(tap, there, 0.0)
-        s1 += e * tl.load(tap + plane, there, 0.0)
-        s2 += e * tl.load(tap + 2 * plane, there, 0.0)
-        s3 += e * tl.load(tap + 3 * plane, there, 0.0)
-    to = out + image * 4 * plane + p
-    tl.store(to, s0, inside)
-    tl.store(to + plane, s1, inside)
-    tl.store(to + 2 * plane, s2, inside)
-    tl.store(to + 3 * plane, s3, inside)
+        s0, s1, s2, s3 = weighed(s0, s1, s2, s3, logits + k * qc, values + ty * width + tx, plane,
+                                 there, whole, top, step)
+    store(out + image * 4 * plane + p, s0, s1, s2, s3, plane, inside)
 
 
 @triton.jit
@@ -81,24 +92,19 @@ def sum_backward(q, v, g, dq, dv, height, width, qn, qc, qy, qx, dn, dc, dy, dx,
         # The value of this pixel, which is tap k of another one.
         fy, fx = y - away_y, x - away_x
         there = inside & (fy >= 0) & (fy < height) & (fx >= 0) & (fx < width)
-        logit = tl.load(logits + fy * qy + fx * qx + k * qc, there, 0.0)
-        e = tl.exp(code_of(logit, whole, top, step) / step)
-        by = gradients + fy * width + fx
-        s0 += e * tl.load(by, there, 0.0)
-        s1 += e * tl.load(by + plane, there, 0.0)
-        s2 += e * tl.load(by + 2 * plane, there, 0.0)
-        s3 += e * tl.load(by + 3 * plane, there, 0.0)
-    to = dv + image * 4 * plane + p
-    tl.store(to, s0, inside)
-    tl.store(to + plane, s1, inside)
-    tl.store(to + 2 * plane, s2, inside)
-    tl.store(to + 3 * plane, s3, inside)
+        s0, s1, s2, s3 = weighed(s0, s1, s2, s3, logits + fy * qy + fx * qx + k * qc,
+                                 gradients + fy * width + fx, plane, there, whole, top, step)
+    store(dv + image * 4 * plane + p, s0, s1, s2, s3, plane, inside)
 
 
-def launched(kernel, q: Tensor, *rest, whole: bool) -> None:
-    n, _, h, w = q.shape
-    kernel[(-(-h * w // BLOCK), n)](q, *rest, whole=whole, block=BLOCK, side=SIDE, top=TOP_CODE,
-                                    step=STEP)
+def launched(kernel, image: Tensor, *rest, **constants) -> None:
+    """Runs a kernel on blocks of the pixels of images, of which the first one [N,C,H,W] tells."""
+    n, _, h, w = image.shape
+    kernel[(-(-h * w // BLOCK), n)](image, *rest, block=BLOCK, **constants)
+
+
+def of_sums(whole: bool) -> dict:
+    return {"whole": whole, "side": SIDE, "top": TOP_CODE, "step": STEP}
 
 
 class WeightedSums(torch.autograd.Function):
@@ -108,7 +114,7 @@ class WeightedSums(torch.autograd.Function):
     def forward(ctx, q: Tensor, v: Tensor, whole: bool) -> Tensor:
         v = v.contiguous()
         out = torch.empty_like(v)
-        launched(sum_forward, q, v, out, *v.shape[2:], *q.stride(), whole=whole)
+        launched(sum_forward, q, v, out, *v.shape[2:], *q.stride(), **of_sums(whole))
         ctx.save_for_backward(q, v)
         ctx.whole = whole
         return out
@@ -119,20 +125,25 @@ class WeightedSums(torch.autograd.Function):
         dq = torch.empty_like(q, memory_format=torch.channels_last)
         dv = torch.empty_like(v)
         launched(sum_backward, q, v, g.contiguous(), dq, dv, *v.shape[2:], *q.stride(),
-                 *dq.stride(), whole=ctx.whole)
+                 *dq.stride(), **of_sums(ctx.whole))
         return dq, dv, None
 
 
 @triton.jit
-def shared(guide, noise, p, y, x, inside, height, width, per_code, narrowest, widest, result_gain):
-    """What all neighbours of a pixel meet: its guide, and the gain of a change over its level."""
+def shared(v, guide, noise, p, y, x, inside, height, width, per_code, narrowest, widest,
+           result_gain, eps):
+    """What all neighbours of a pixel meet: its values, its guide, the gains of their changes."""
     plane, row = height * width, y * width
     n = tl.load(noise + p, inside, 0.0)
     n += tl.load(noise + row + tl.maximum(x - 1, 0), inside, 0.0)
     n += tl.load(noise + row + tl.minimum(x + 1, width - 1), inside, 0.0)
     wide = tl.minimum(tl.maximum(n * per_code, narrowest), widest)
-    return (tl.load(guide + p, inside, 0.0), tl.load(guide + plane + p, inside, 0.0),
-            result_gain / wide)
+    gain = result_gain / wide
+    v0 = tl.load(v + p, inside, 0.0)
+    v1 = tl.load(v + plane + p, inside, 0.0)
+    v2 = tl.load(v + 2 * plane + p, inside, 0.0)
+    return (v0, v1, v2, tl.load(guide + p, inside, 0.0), tl.load(guide + plane + p, inside, 0.0),
+            gain / (v0 + eps), gain / (v1 + eps), gain / (v2 + eps))
 
 
 @triton.jit
@@ -164,12 +175,8 @@ def smooth_forward(v, guide, noise, out, offsets, height, width, per_code, narro
     inside, plane = p < height * width, height * width
     v, out, guide, noise = (v + image * 3 * plane, out + image * 3 * plane,
                             guide + image * 2 * plane, noise + image * plane)
-    v0 = tl.load(v + p, inside, 0.0)
-    v1 = tl.load(v + plane + p, inside, 0.0)
-    v2 = tl.load(v + 2 * plane + p, inside, 0.0)
-    a, b, gain = shared(guide, noise, p, y, x, inside, height, width, per_code, narrowest, widest,
-                        result_gain)
-    n0, n1, n2 = gain / (v0 + eps), gain / (v1 + eps), gain / (v2 + eps)
+    v0, v1, v2, a, b, n0, n1, n2 = shared(v, guide, noise, p, y, x, inside, height, width,
+                                          per_code, narrowest, widest, result_gain, eps)
     weights = tl.zeros([block], tl.float32) + 1.0
     t0 = tl.zeros([block], tl.float32)
     t1, t2 = t0, t0
@@ -197,12 +204,8 @@ def smooth_backward(v, guide, noise, out, offsets, height, width, per_code, narr
     v, out, g, dv = (v + image * 3 * plane, out + image * 3 * plane, g + image * 3 * plane,
                      dv + image * 3 * plane)
     guide, noise = guide + image * 2 * plane, noise + image * plane
-    v0 = tl.load(v + p, inside, 0.0)
-    v1 = tl.load(v + plane + p, inside, 0.0)
-    v2 = tl.load(v + 2 * plane + p, inside, 0.0)
-    a, b, gain = shared(guide, noise, p, y, x, inside, height, width, per_code, narrowest, widest,
-                        result_gain)
-    n0, n1, n2 = gain / (v0 + eps), gain / (v1 + eps), gain / (v2 + eps)
+    v0, v1, v2, a, b, n0, n1, n2 = shared(v, guide, noise, p, y, x, inside, height, width,
+                                          per_code, narrowest, widest, result_gain, eps)
     weights = tl.zeros([block], tl.float32) + 1.0
     for k in range(count):
         at = neighbour(offsets, k, y, x, height, width)
@@ -254,10 +257,9 @@ class Smoothed(torch.autograd.Function):
                 *constants: float) -> Tensor:
         images = [t.contiguous() for t in (v, guide, noise)]
         out = torch.empty_like(images[0])
-        n, _, h, w = v.shape
-        ctx.rest = offsets_on(v.device, offsets), h, w, *constants
-        ctx.fixed = {"count": len(offsets), "block": BLOCK}
-        smooth_forward[(-(-h * w // BLOCK), n)](*images, out, *ctx.rest, **ctx.fixed)
+        ctx.rest = offsets_on(v.device, offsets), *v.shape[2:], *constants
+        ctx.count = len(offsets)
+        launched(smooth_forward, *images, out, *ctx.rest, count=ctx.count)
         ctx.save_for_backward(*images, out)
         return out
 
@@ -265,6 +267,5 @@ class Smoothed(torch.autograd.Function):
     def backward(ctx, g: Tensor):
         saved = ctx.saved_tensors
         dv = torch.zeros_like(saved[0])
-        n, _, h, w = dv.shape
-        smooth_backward[(-(-h * w // BLOCK), n)](*saved, *ctx.rest, g.contiguous(), dv, **ctx.fixed)
+        launched(smooth_backward, *saved, *ctx.rest, g.contiguous(), dv, count=ctx.count)
         return dv, *[None] * len(ctx.rest)
