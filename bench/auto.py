@@ -20,14 +20,25 @@ from pathlib import Path
 import numpy as np
 
 from bench import oidn
+from export import manifest
 from training import color, metrics
 from training.evaluate import Case, find_cases, has_features
 from training.features import load
 from training.imageio import read_image, write_image
 from training.peer import OPTION
 
-KMAC = {"fast": 7.7, "balanced": 14.2, "high": 51.4}  # per pixel: docs/models.md
+QUALITIES = ("fast", "balanced", "high")
 TAKEN = re.compile(r"^  quality=(\w+)$", re.MULTILINE)
+
+
+def multiply_adds() -> dict[str, float]:
+    """Thousands per pixel that the built-in model of each quality takes, from weights/MANIFEST."""
+    text = (manifest.FOLDER / "builtin.def").read_text()
+    nets = {row["file"]: row["net"] for row in manifest.read(manifest.FOLDER / "MANIFEST")}
+    found = {}
+    for file, quality in re.findall(r'^BUILTIN\(\w+, "([^"]+)"[^)]*?(\w+)\)$', text, re.MULTILINE):
+        found[quality.lower()] = float(re.search(r"([\d.]+) kMAC/px", nets[file])[1])
+    return {quality: found[quality] for quality in QUALITIES}
 
 
 def enlarge(image: np.ndarray, size: int) -> np.ndarray:
@@ -66,27 +77,28 @@ def measure(case: Case, features: list[str], size: int) -> dict:
     exposure = color.autoexposure(target)
     shown = metrics.to_display(target, "hdr", exposure)
     with tempfile.TemporaryDirectory() as scratch:
-        found = {q: denoise(images, q, Path(scratch)) for q in (*KMAC, "auto")}
+        found = {q: denoise(images, q, Path(scratch)) for q in (*QUALITIES, "auto")}
     score = {q: metrics.psnr(metrics.to_display(image, "hdr", exposure), shown)
              for q, (image, _) in found.items()}
     taken = found["auto"][1]
     if not np.array_equal(found["auto"][0], found[taken][0]):
         raise oidn.PeerError(f"{case.name}: auto took {taken}, but its result is another one")
-    cost = sum(KMAC.values()) * sampled(*target.shape[:2])
+    work = multiply_adds()
+    sample = sum(work.values()) * sampled(*target.shape[:2])
     return {"case": case.name, "spp": case.source.spp or 0, "taken": taken, **score,
             "lost": score["high"] - score["auto"],
-            "work": (KMAC[taken] + cost) / KMAC["high"]}
+            "work": (work[taken] + sample) / work["high"]}
 
 
 def line(row: dict) -> str:
-    cells = [f"{row[k]:.2f}" for k in (*KMAC, "lost")]
+    cells = [f"{row[k]:.2f}" for k in (*QUALITIES, "lost")]
     return f"| {row['case']} | {row['taken']} | {' | '.join(cells)} | {row['work']:.0%} |"
 
 
 def summary(rows: list[dict]) -> str:
     if not rows:
         return "no pictures"
-    counts = ", ".join(f"{q} {sum(r['taken'] == q for r in rows)}" for q in KMAC)
+    counts = ", ".join(f"{q} {sum(r['taken'] == q for r in rows)}" for q in QUALITIES)
     lost = [r["lost"] for r in rows]
     return (f"{len(rows)} pictures: {counts}; lost {np.mean(lost):.3f} dB on average, "
             f"{max(lost):.2f} at most; work {np.mean([r['work'] for r in rows]):.0%} of high")

@@ -12,7 +12,6 @@ alternating.
 from __future__ import annotations
 
 import argparse
-import csv
 import datetime
 import statistics
 import subprocess
@@ -27,6 +26,7 @@ import numpy as np
 from bench import oidn, pictures, speed
 from bench.bilateral import joint_bilateral
 from bench.svg import Point, chart
+from export import manifest
 from training import color, metrics
 from training.data import hold_out
 from training.errors import ToolError
@@ -55,16 +55,6 @@ class Method:
         return float(np.mean([self.scores[c][metric] for c in cases]))
 
 
-def manifest() -> list[tuple[Path, str]]:
-    """(file, features) of weights/MANIFEST."""
-    path = oidn.ROOT / "weights" / "MANIFEST"
-    if not path.exists():
-        return []
-    rows = csv.reader((line for line in path.read_text().splitlines()
-                       if line and not line.startswith("#")), delimiter="\t")
-    return [(path.parent / row[0], row[3]) for row in rows]
-
-
 def methods(folder: Path) -> list[Method]:
     """Everything that is compared."""
     found = [Method("noisy", "input"), Method("joint bilateral", "classic")]
@@ -74,7 +64,8 @@ def methods(folder: Path) -> list[Method]:
         found.append(Method(f"lull {quality}", "lull",
                             speed.Entry("", oidn.ours(), ("-q", quality))))
     built_in = (oidn.ROOT / "weights" / "builtin.def").read_text()
-    for path, features in manifest():
+    for row in manifest.read(manifest.FOLDER / "MANIFEST"):
+        path, features = manifest.FOLDER / row["file"], row["features"]
         if features not in (",".join(FEATURES), "any") or f'"{path.name}"' in built_in:
             continue
         found.append(Method(path.stem, "lull", speed.Entry("", oidn.ours(), ("-w", path)),

@@ -177,6 +177,18 @@ static bool set_limits(OIDNFilter filter, const lull_model *model, size_t fixed,
     return true;
 }
 
+/* Whether maxMemoryMB leaves room for the models of `auto` and their sample. fixed: bytes needed
+ * without them. The least memory is without them, too. */
+static bool has_room(OIDNFilter filter, const lull_ladder *ladder, size_t fixed,
+                     const lull_frame *frame, const lull_model *model)
+{
+    const int megabytes = filter->values[lull_value_max_memory_mb].i;
+    const uint64_t bytes = (uint64_t)fixed + ladder->weights_bytes + ladder->sample_bytes +
+                           lull_plan_minimum(frame, model);
+
+    return megabytes < 0 || bytes <= (uint64_t)megabytes << 20;
+}
+
 /* Memory for the core's plan, if that is what there will be, and for what goes with it. */
 static bool allocate(OIDNFilter filter, size_t plan_bytes, size_t stage_bytes,
                      const lull_ladder *ladder, lull_fault *fault)
@@ -376,6 +388,8 @@ static bool prepare(OIDNFilter filter, bool may_change, bool *busy, lull_fault *
     }
     if (!lull_ladder_find(&ladder, filter, &frame, model, fault))
         return false;
+    if (ladder.rungs && !has_room(filter, &ladder, model_bytes + stage_bytes, &frame, model))
+        memset(&ladder, 0, sizeof ladder);
     model_bytes += ladder.weights_bytes;
     if (!set_limits(filter, model, model_bytes + ladder.sample_bytes + stage_bytes, &frame, fault))
         return false;
