@@ -5,6 +5,8 @@ All are functions of (a, b) -> scalar; a is the output, b the target. SSIM terms
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
 
 import torch
 import torch.nn.functional as F
@@ -155,34 +157,42 @@ def log_mse(a: Tensor, b: Tensor, transfer: str, ssim_weight: float = 0.0) -> Te
     return loss + ssim_weight * (1.0 - ssim_value(shown_a, shown_b)) if ssim_weight else loss
 
 
+@dataclass(frozen=True)
+class Parameters:
+    """What some of the losses depend on."""
+    weights: tuple[float, ...] = STANDARD_WEIGHTS  # exponents of MS-SSIM's scales, finest first
+    transfer: str = "pu"                           # that of the images
+    ssim_weight: float = 1.0                       # that of log_mse_ssim
+
+
+def _msssim(a: Tensor, b: Tensor, p: Parameters) -> Tensor:
+    return 1.0 - msssim_value(a, b, p.weights)
+
+
+LOSSES: dict[str, Callable[[Tensor, Tensor, Parameters], Tensor]] = {
+    "l1": lambda a, b, p: l1(a, b),
+    "mape": lambda a, b, p: mape(a, b),
+    "smape": lambda a, b, p: smape(a, b),
+    "l2": lambda a, b, p: l2(a, b),
+    "ssim": lambda a, b, p: 1.0 - ssim_value(a, b),
+    "msssim": _msssim,
+    "l1_msssim": lambda a, b, p: 0.16 * l1(a, b) + 0.84 * _msssim(a, b, p),
+    "l1_grad": lambda a, b, p: l1_grad(a, b),
+    "log_mse": lambda a, b, p: log_mse(a, b, p.transfer),
+    "log_mse_ssim": lambda a, b, p: log_mse(a, b, p.transfer, p.ssim_weight),
+}
+
+
 def make_loss(name: str, msssim_weights=None, transfer: str = "pu",
               ssim_weight: float = 1.0) -> Loss:
-    """The loss called `name`; msssim_weights: exponents of the scales, finest first; transfer: that
-    of the images; ssim_weight: that of log_mse_ssim."""
-    weights = tuple(msssim_weights or STANDARD_WEIGHTS)
-
-    def ms(a, b):
-        return 1.0 - msssim_value(a, b, weights)
-
-    table = {
-        "l1": l1, "l2": l2, "mape": mape, "smape": smape,
-        "ssim": lambda a, b: 1.0 - ssim_value(a, b),
-        "msssim": ms,
-        "l1_msssim": lambda a, b: 0.16 * l1(a, b) + 0.84 * ms(a, b),
-        "l1_grad": l1_grad,
-        "log_mse": lambda a, b: log_mse(a, b, transfer),
-        "log_mse_ssim": lambda a, b: log_mse(a, b, transfer, ssim_weight),
-    }
-    if name not in table:
-        raise ValueError(f"unknown loss '{name}' (known: {', '.join(table)})")
-    return table[name]
+    """The loss called `name`; msssim_weights: None: the usual ones; others: as in Parameters."""
+    if name not in LOSSES:
+        raise ValueError(f"unknown loss '{name}' (known: {', '.join(LOSSES)})")
+    return partial(LOSSES[name], p=Parameters(tuple(msssim_weights or STANDARD_WEIGHTS), transfer,
+                                              ssim_weight))
 
 
 def loss_of_settings(settings) -> Loss:
     """The loss that the settings of a training ask for."""
     return make_loss(settings.loss, settings.msssim_weights, settings.transfer,
                      settings.ssim_weight)
-
-
-LOSSES = ("l1", "mape", "smape", "l2", "ssim", "msssim", "l1_msssim", "l1_grad", "log_mse",
-          "log_mse_ssim")
