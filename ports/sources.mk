@@ -42,7 +42,7 @@ PORT_AMX_SOURCES := ports/x86/port_amx.c ports/x86/conv_int_amx.c
 PORT_NEON_ARCH := arm64 arm32
 PORT_NEON_FLAGS_arm32 := -mfpu=neon
 PORT_NEON_SOURCES := ports/arm/port_neon.c ports/arm/conv_f32_neon.c ports/arm/conv_int_neon.c \
-                     ports/arm/pool_neon.c ports/arm/filter5_neon.c ports/arm/filter_neon.c
+                     ports/arm/pool_neon.c ports/arm/filter5_neon.c ports/arm/filter_neon.c ports/arm/winograd_neon.c
 
 PORT_DOTPROD_ARCH := arm64
 PORT_DOTPROD_FLAGS := -march=armv8.2-a+dotprod

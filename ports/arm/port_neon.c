@@ -10,6 +10,8 @@ void lull_port_neon(lull_kernels *kernels)
     kernels->pool_u8 = lull_pool_u8_neon;
 #if defined(__aarch64__) /* 32-bit NEON takes subnormals for zeros, so these would not be exact */
     kernels->pool_f32 = lull_pool_f32_neon;
+    kernels->winograd_in = lull_winograd_in_neon;
+    kernels->winograd_out = lull_winograd_out_neon;
     kernels->filter5 = lull_filter5_neon;
     kernels->encode = lull_encode_neon;
     kernels->spread = lull_spread_neon;

@@ -30,4 +30,4 @@ LULL_INLINE void store(float *p, vec v, unsigned n)
 
 #define IN lull_winograd_in_avx2
 #define OUT lull_winograd_out_avx2
-#include "winograd.h"
+#include "../winograd_rows.h"

@@ -25,4 +25,4 @@ LULL_INLINE void store(float *p, vec v, unsigned n)
 
 #define IN lull_winograd_in_avx512
 #define OUT lull_winograd_out_avx512
-#include "winograd.h"
+#include "../winograd_rows.h"

@@ -1,9 +1,9 @@
 /* Winograd's form: points of rows, and rows of points, in vectors over channels. Included once by
- * the file of an instruction set, which defines IN and OUT (the functions' names) and
+ * the file of a port, which defines IN and OUT (the functions' names) and
  *
- *   vec, LANES                 a vector of LANES floats
+ *   vec, LANES                 a vector of LANES floats, 1 or more
  *   load(p, n), store(p, v, n) the first n lanes if n < LANES
- *   add, sub, most             of two vectors
+ *   add, sub, most             of two vectors; most(a, b) is a > b ? a : b
  *   madd(x, k, y)              x * k + y, k a constant power of two: rounded once like a sum
  */
 #define EACH_CHANNELS(BODY)                                                                        \
