@@ -163,7 +163,6 @@ typedef struct lull_plan lull_plan; /* lives at the start of the caller's memory
 
 typedef struct lull_plan_info {
     size_t bytes; /* all memory of the plan, the only memory that run() writes besides images */
-    size_t minimum_bytes; /* the least that max_bytes could have been */
     unsigned row_step, strip_width, strips;
     unsigned delay_rows; /* output row y is stored after input row min(y + delay_rows, height-1) */
 } lull_plan_info;

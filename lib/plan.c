@@ -550,7 +550,6 @@ lull_status lull_plan_init(lull_plan **plan, void *memory, size_t memory_bytes,
 void lull_plan_get_info(const lull_plan *plan, lull_plan_info *info)
 {
     info->bytes = plan->bytes;
-    info->minimum_bytes = lull_plan_minimum(&plan->frame, plan->model);
     info->row_step = plan->row_step;
     info->strip_width = plan->strip_width;
     info->strips = plan->strips;

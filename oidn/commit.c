@@ -183,10 +183,11 @@ static bool has_room(OIDNFilter filter, const lull_ladder *ladder, size_t fixed,
                      const lull_frame *frame, const lull_model *model)
 {
     const int megabytes = filter->values[lull_value_max_memory_mb].i;
-    const uint64_t bytes = (uint64_t)fixed + ladder->weights_bytes + ladder->sample_bytes +
-                           lull_plan_minimum(frame, model);
 
-    return megabytes < 0 || bytes <= (uint64_t)megabytes << 20;
+    return megabytes < 0 ||
+           (uint64_t)fixed + ladder->weights_bytes + ladder->sample_bytes +
+                   lull_plan_minimum(frame, model) <=
+               (uint64_t)megabytes << 20;
 }
 
 /* Memory for the core's plan, if that is what there will be, and for what goes with it. */

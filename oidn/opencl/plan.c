@@ -17,7 +17,7 @@ struct lull_engine_plan {
     cl_memory memory, model;
     unsigned tile_width, tile_height; /* of output, multiples of the alignment */
     unsigned tiles;
-    uint64_t bytes, minimum_bytes; /* of working memory and model */
+    uint64_t bytes; /* of working memory and model */
     lull_cl_weights weights[LULL_MAX_LAYERS];
     lull_cl_schedule schedule;
 };
@@ -44,7 +44,6 @@ static bool choose_tiles(lull_engine_plan *plan, uint64_t model_bytes, lull_faul
 
     if (frame->max_bytes && frame->max_bytes < most + model_bytes)
         most = frame->max_bytes - model_bytes; /* set_limits has asked for the minimum */
-    plan->minimum_bytes = tile_bytes(plan, align, align) + model_bytes;
     plan->tile_width = plan->host.width;
     plan->tile_height = plan->host.height;
     if (frame->strip_width) { /* the overlap then costs about as much again */
@@ -196,7 +195,6 @@ void lull_cl_plan_get_info(const lull_engine_plan *plan, lull_plan_info *info)
 {
     memset(info, 0, sizeof *info);
     info->bytes = (size_t)plan->bytes;
-    info->minimum_bytes = (size_t)plan->minimum_bytes;
     info->row_step = plan->tile_height;
     info->strip_width = plan->tile_width;
     info->strips = plan->tiles;

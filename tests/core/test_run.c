@@ -367,7 +367,6 @@ static void memory_is_known_beforehand(void)
         CHECK_EQ(lull_run(plan, &s.images, NULL), LULL_OK);
         lull_plan_get_info(plan, &info);
         CHECK_EQ(info.bytes, n);
-        CHECK_EQ(info.minimum_bytes, minimum);
         for (size_t i = 0; i + 64 <= n; i += 64) { /* all of it is touched */
             unsigned same = 0;
             while (same < 64 && memory[i + same] == 0xa5)
