@@ -117,7 +117,7 @@ def worker(settings: Settings, team: parallel.Team) -> None:
         step = state.get("step", state["epoch"] * steps_per_epoch)
         elapsed, best = state.get("elapsed", 0.0), state.get("best", math.inf)
         if plan.budget and plan.budget == state.get("budget"):
-            plan.planned = state.get("planned")
+            plan.planned, plan.since = state.get("planned"), state.get("since", (0, 0.0))
         if ema and state.get("ema_state"):
             ema = [state["ema_state"][k].clone() for k, _ in model.named_parameters()]
         mixed.load(state.get("scaler_state"))
@@ -133,13 +133,14 @@ def worker(settings: Settings, team: parallel.Team) -> None:
     def snapshot() -> dict:
         names = [k for k, _ in model.named_parameters()]
         return {"step": step, "elapsed": elapsed + time.monotonic() - start, "best": best,
-                "planned": plan.planned, "budget": plan.budget,
+                "planned": plan.planned, "since": plan.since, "budget": plan.budget,
                 "model_state": model.state_dict(), "optimizer_state": optimizer.state_dict(),
                 "ema_state": dict(zip(names, ema)) if ema else None, "scaler_state": mixed.state(),
                 "channels": channels.state()}
 
     board = Board(result.folder / "log", settings, enabled=team.rank == 0)
-    loader = parallel.loader(batches, range(step, plan.planned or plan.total), settings, team)
+    steps = range(step, step if plan.over(step) else plan.total)
+    loader = parallel.loader(batches, steps, settings, team)
     bar, start = Bar(enabled=team.rank == 0), time.monotonic()
     loss_sum, loss_count, epoch_start = torch.zeros((), device=team.device), 0, start
     step_start = start
@@ -215,6 +216,10 @@ def worker(settings: Settings, team: parallel.Team) -> None:
                     best = scores.loss
                     if team.rank == 0:
                         result.save_best(epoch, snapshot())
+            if plan.budget and plan.planned and not finished:
+                remain = team.same(plan.budget - elapsed - (time.monotonic() - start))
+                if plan.revise(step, remain, team.same((now - epoch_start) / loss_count)):
+                    say(f"{plan.planned} steps fit now")
             if team.rank == 0 and (finished or due(epoch, settings.num_save_epochs)):
                 result.save(epoch, snapshot())
             loss_sum, loss_count, epoch_start = torch.zeros_like(loss_sum), 0, time.monotonic()

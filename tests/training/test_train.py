@@ -203,7 +203,8 @@ def test_more_batch_than_data_and_small_validation(raw, work, capsys):
     assert len(losses(out)) == 1 and "valid_loss=" in out
 
 
-def test_time_budget_ends_with_the_schedule(raw, work, capsys):
+def test_time_budget_ends_with_the_schedule(raw, work, monkeypatch, capsys):
+    monkeypatch.setattr(schedule.Plan, "revise", lambda *a: False)
     train.main([*RAW, "-D", str(raw), "-r", "a", "--time-budget", "2s", "-e", "1000000"])
     out = capsys.readouterr().out
     planned = state()["planned"]
@@ -226,9 +227,41 @@ def test_estimate_of_the_steps_that_fit():
     assert not schedule.Plan(10**6, 1000.0).timed(0.1)  # too short a share of the budget
 
 
+def test_the_end_moves_with_the_speed():
+    """The rate goes on from where it is, and still ends where the cycle does."""
+    plan = schedule.Plan(10**6, 100.0, planned=1000)
+    assert not plan.revise(300, 70.0, 0.1) and not plan.revise(300, 70.0, 0.107)  # 4.9 s late
+    assert plan.revise(300, 70.0, 0.2) and plan.planned == 300 + 350
+    assert plan.progress(300) == 0.3 and plan.progress(300 + 175) == pytest.approx(0.65)
+    assert plan.progress(650) == 1 and plan.over(650)
+    assert plan.revise(475, 40.0, 0.1) and plan.planned == 475 + 400  # faster again
+    assert plan.progress(475) == pytest.approx(0.65) and plan.progress(875) == 1
+    assert plan.revise(500, -3.0, 0.1) and plan.planned == 501  # no time is left: one more
+    plan = schedule.Plan(600, 100.0, planned=500, validation=0.1)
+    assert not plan.revise(300, 40.0, 0.1) and plan.revise(300, 90.0, 0.1)
+    assert plan.planned == 600  # that --num_epochs allows
+
+
+def test_slower_training_ends_in_time(raw, work, monkeypatch, capsys):
+    """Steps that were estimated ten times too fast: the first epochs tell."""
+    estimate, found = schedule.Plan.estimate, []
+
+    def wrong(*args):
+        found.append(10 * estimate(*args))
+        return found[0]
+
+    monkeypatch.setattr(schedule.Plan, "estimate", wrong)
+    train.main([*RAW, "-D", str(raw), "-r", "a", "--time-budget", "2s", "-e", "1000000"])
+    end = state()
+    assert "steps fit now" in capsys.readouterr().out and end["since"][0] > 0
+    assert end["step"] == end["planned"] < found[0]
+    assert end["optimizer_state"]["param_groups"][0]["lr"] < 1e-4  # the cycle's end
+
+
 def test_resumed_budget_equals_an_uninterrupted_run(raw, work, monkeypatch, capsys):
-    """The number of steps is estimated once; the resumed run keeps it and ends with equal bits."""
+    """The resumed run keeps the number of steps, and ends with equal bits if it did not change."""
     monkeypatch.setattr(schedule.Plan, "estimate", lambda self, step, *rest: 40)
+    monkeypatch.setattr(schedule.Plan, "revise", lambda *a: False)
     args = [*RAW, "-D", str(raw), "-r", "a", "--time-budget", "0.01s", "-v", "valid"]
     train.main([*args[:-2], "-v", "valid", "-R", "whole"])
     with pytest.raises(Exception, match="interrupted after 20 steps"), Stop(after=20):
