@@ -144,12 +144,14 @@ static bool same_frame(const lull_frame *a, const lull_frame *b)
            a->strip_width == b->strip_width && a->trained_for == b->trained_for;
 }
 
-/* Turns maxMemoryMB into limits of the plan. The megabytes count weights, plan and staged output. 0
- * cannot be met; it asks for the least memory at no more than about twice the work, which is strips
- * as wide as their overlaps. */
-static bool set_limits(OIDNFilter filter, const lull_model *model, size_t fixed, lull_frame *frame,
-                       lull_fault *fault)
+/* Turns maxMemoryMB into limits of the plan, and drops the ladder where it has no room beside it.
+ * The megabytes count weights, plan, sample and staged output; fixed: weights and staged output
+ * without the ladder's. 0 cannot be met; it asks for the least memory at no more than about twice
+ * the work, which is strips as wide as their overlaps. */
+static bool set_limits(OIDNFilter filter, const lull_model *model, size_t fixed,
+                       lull_ladder *ladder, lull_frame *frame, lull_fault *fault)
 {
+    const size_t more = ladder->weights_bytes + ladder->sample_bytes;
     const int megabytes = filter->values[lull_value_max_memory_mb].i;
     lull_engine *engine = filter->device->engine;
     lull_model_info info;
@@ -158,6 +160,7 @@ static bool set_limits(OIDNFilter filter, const lull_model *model, size_t fixed,
     if (megabytes < 0)
         return true;
     if (megabytes == 0) {
+        memset(ladder, 0, sizeof *ladder);
         lull_model_get_info(model, &info);
         frame->strip_width = 2 * info.overlap;
         frame->row_step = 2;
@@ -172,22 +175,13 @@ static bool set_limits(OIDNFilter filter, const lull_model *model, size_t fixed,
                          "maxMemoryMB is %d, but this filter needs at least %llu bytes (%llu MB)",
                          megabytes, (unsigned long long)(fixed + floor),
                          (unsigned long long)(((uint64_t)fixed + floor + (1u << 20) - 1) >> 20));
+    if ((uint64_t)fixed + more + floor > (uint64_t)megabytes << 20)
+        memset(ladder, 0, sizeof *ladder);
+    else
+        fixed += more;
     if ((uint64_t)megabytes << 20 <= SIZE_MAX)
         frame->max_bytes = ((size_t)megabytes << 20) - fixed;
     return true;
-}
-
-/* Whether maxMemoryMB leaves room for the models of `auto` and their sample. fixed: bytes needed
- * without them. The least memory is without them, too. */
-static bool has_room(OIDNFilter filter, const lull_ladder *ladder, size_t fixed,
-                     const lull_frame *frame, const lull_model *model)
-{
-    const int megabytes = filter->values[lull_value_max_memory_mb].i;
-
-    return megabytes < 0 ||
-           (uint64_t)fixed + ladder->weights_bytes + ladder->sample_bytes +
-                   lull_plan_minimum(frame, model) <=
-               (uint64_t)megabytes << 20;
 }
 
 /* Memory for the core's plan, if that is what there will be, and for what goes with it. */
@@ -389,11 +383,9 @@ static bool prepare(OIDNFilter filter, bool may_change, bool *busy, lull_fault *
     }
     if (!lull_ladder_find(&ladder, filter, &frame, model, fault))
         return false;
-    if (ladder.rungs && !has_room(filter, &ladder, model_bytes + stage_bytes, &frame, model))
-        memset(&ladder, 0, sizeof ladder);
-    model_bytes += ladder.weights_bytes;
-    if (!set_limits(filter, model, model_bytes + ladder.sample_bytes + stage_bytes, &frame, fault))
+    if (!set_limits(filter, model, model_bytes + stage_bytes, &ladder, &frame, fault))
         return false;
+    model_bytes += ladder.weights_bytes;
     if ((!filter->plan && !filter->engine_plan) || filter->model != model ||
         filter->stage_bytes != stage_bytes || !same_frame(&filter->frame, &frame) ||
         !lull_ladder_same(&filter->ladder, &ladder)) {
