@@ -11,6 +11,7 @@ taken and of the whole sample, as if it never ended early, in parts of the work 
 from __future__ import annotations
 
 import argparse
+import functools
 import json
 import re
 import sys
@@ -31,6 +32,7 @@ QUALITIES = ("fast", "balanced", "high")
 TAKEN = re.compile(r"^  quality=(\w+)$", re.MULTILINE)
 
 
+@functools.cache
 def multiply_adds() -> dict[str, float]:
     """Thousands per pixel that the built-in model of each quality takes, from weights/MANIFEST."""
     text = (manifest.FOLDER / "builtin.def").read_text()

@@ -53,8 +53,11 @@ class Plan:
         only at the end) a validation takes `validation` seconds."""
         self.validation = validation / every if every else 0.0
         each = statistics.median(self.times[WARM:]) + self.validation
-        more = (left - validation) / max(each, 1e-9)
-        return max(min(step + max(round(more), 0), self.total), step + 1)
+        return self.end(step, left - validation, each)
+
+    def end(self, step: int, left: float, each: float) -> int:
+        """Steps in all, if `left` seconds remain after `step` of them for steps of `each`."""
+        return max(min(step + round(left / max(each, 1e-9)), self.total), step + 1)
 
     def revise(self, step: int, left: float, each: float) -> bool:
         """Whether the end is moved, because steps that take `each` seconds would miss by much the
@@ -64,7 +67,7 @@ class Plan:
             self.times = []
             return False
         each += self.validation
-        end = max(min(step + round(left / max(each, 1e-9)), self.total), step + 1)
+        end = self.end(step, left, each)
         if abs((self.planned - step) * each - left) <= MISSED * self.budget or end == self.planned:
             return False
         self.since = step, self.progress(step)

@@ -181,8 +181,9 @@ def worker(settings: Settings, team: parallel.Team) -> None:
                         validate(model, ema, valid, settings, loss_of, team, bar)
                     every = settings.num_valid_epochs * steps_per_epoch if valid else 0
                     left = plan.budget - elapsed - (time.monotonic() - start)
+                    validation = team.same(time.monotonic() - now)
                     plan.planned = int(team.same(plan.estimate(
-                        step, left, time.monotonic() - now, max(every, 0))))
+                        step, left, validation, max(every, 0))))
                     bar.end(f"{plan.planned} steps fit into {duration(plan.budget)}")
                 step_start = time.monotonic()
 

@@ -12,7 +12,7 @@ typedef float32x4_t vec;
 LULL_INLINE vec zeros(void) { return vdupq_n_f32(0.0f); }
 LULL_INLINE vec add(vec a, vec b) { return vaddq_f32(a, b); }
 LULL_INLINE vec sub(vec a, vec b) { return vsubq_f32(a, b); }
-LULL_INLINE vec most(vec a, vec b) { return vbslq_f32(vcgtq_f32(a, b), a, b); } /* no NaN */
+LULL_INLINE vec most(vec a, vec b) { return vbslq_f32(vcgtq_f32(a, b), a, b); } /* b for NaN */
 LULL_INLINE vec madd(vec x, float k, vec y) { return vfmaq_n_f32(y, x, k); }
 
 LULL_INLINE vec load(const float *p, unsigned n)
