@@ -3,7 +3,7 @@
  *
  * The sample is a grid of small windows, chosen from the frame's size alone. A window is a frame of
  * its own, with the scale of the whole one, so that a model does with it what it does with the
- * whole frame, but for the context that it lacks at its edges. */
+ * whole frame, but for the context that it lacks at its edges. Threads look at one window each. */
 #include "internal.h"
 
 #include "../lib/exec_difference.h"
@@ -20,6 +20,8 @@
 /* Models agree if their results differ by fewer display codes, root mean square: 0.4 % of white, or
  * 48 dB. docs/models.md has what that costs. */
 #define AGREEMENT (LULL_DISPLAY_WHITE / 250)
+
+#define LANES 16u  /* windows looked at together at most: half a megabyte each */
 
 /* Bytes of a model's result for a window. */
 #define RESULT_BYTES (sizeof(float) * 3 * WINDOW * WINDOW)
@@ -67,7 +69,6 @@ static lull_frame window_frame(const lull_frame *whole)
 {
     lull_frame frame = lull_frame_default(WINDOW, WINDOW, whole->content, whole->features);
 
-    frame.threads = whole->threads;
     frame.trained_for = whole->trained_for;
     return frame;
 }
@@ -120,6 +121,12 @@ size_t lull_ladder_plan_size(const lull_ladder *ladder, const lull_frame *frame)
     return most;
 }
 
+/* A plan, and the results of two models. */
+static size_t lane_bytes(const lull_ladder *ladder)
+{
+    return ladder->plan_bytes + 2 * RESULT_BYTES;
+}
+
 bool lull_ladder_find(lull_ladder *ladder, OIDNFilter filter, const lull_frame *frame,
                       const lull_model *model, lull_fault *fault)
 {
@@ -136,8 +143,11 @@ bool lull_ladder_find(lull_ladder *ladder, OIDNFilter filter, const lull_frame *
         return true;
     ladder->rung[ladder->rungs].quality = OIDN_QUALITY_HIGH;
     ladder->rung[ladder->rungs++].model = model;
-    ladder->plan_bytes = lull_ladder_plan_size(ladder, &window);
-    ladder->sample_bytes = ladder->plan_bytes + 2 * RESULT_BYTES;
+    ladder->plan_bytes = lull_align_up(lull_ladder_plan_size(ladder, &window), LULL_ALIGN);
+    ladder->lanes = count_windows(frame);
+    ladder->lanes = ladder->lanes < frame->threads ? ladder->lanes : frame->threads;
+    ladder->lanes = ladder->lanes < LANES ? ladder->lanes : LANES;
+    ladder->sample_bytes = ladder->lanes * lane_bytes(ladder);
     return true;
 }
 
@@ -153,119 +163,128 @@ bool lull_ladder_same(const lull_ladder *a, const lull_ladder *b)
 
 /* ---- The choice, at executions --------------------------------------------------------------- */
 
-/* An execution, and which part of its progress the present run of a model is. */
-typedef struct climb {
-    OIDNFilter filter;
-    const lull_host *host;
-    double begin, part;
-} climb;
+/* Windows that are looked at together, each in a lane of its own, and what comes of them. */
+typedef struct look {
+    const lull_ladder *ladder;
+    const lull_frame *frame;
+    const lull_images *images;
+    unsigned first;         /* window */
+    bool agree[LULL_RUNGS]; /* models with the largest, on all windows before */
+    lull_status status[LANES];
+    uint64_t sums[LANES][LULL_RUNGS]; /* what sets those apart from it */
+} look;
+
+/* Window `index` of the frame, as what a model is given; the result goes to `result`. */
+static lull_images get_window(const look *l, unsigned index, void *result)
+{
+    const unsigned across = windows_along(l->frame->width), n = count_windows(l->frame);
+    const unsigned x = window_begin(index % across, across, l->frame->width);
+    const unsigned y = window_begin(index / across, n / across, l->frame->height);
+    lull_images window = *l->images;
+
+    window.color = crop(&l->images->color, x, y);
+    window.albedo = crop(&l->images->albedo, x, y);
+    window.normal = crop(&l->images->normal, x, y);
+    window.output.data = result;
+    window.output.type = LULL_F32;
+    window.output.pixel_stride = window.output.row_stride = 0;
+    return window;
+}
+
+static lull_status run_window(const look *l, unsigned rung, const lull_images *window, void *memory)
+{
+    const lull_frame frame = window_frame(l->frame);
+    lull_plan *plan;
+    const lull_status status = lull_plan_init(&plan, memory, l->ladder->plan_bytes, &frame,
+                                              l->ladder->rung[rung].model);
+
+    return status == LULL_OK ? lull_run(plan, window, NULL) : status;
+}
+
+static void look_at(void *context, unsigned lane, unsigned worker)
+{
+    look *l = context;
+    const lull_frame frame = window_frame(l->frame);
+    const unsigned largest = l->ladder->rungs - 1;
+    char *memory = (char *)l->ladder->memory + lane * lane_bytes(l->ladder);
+    char *results = memory + l->ladder->plan_bytes;
+    const lull_images best = get_window(l, l->first + lane, results);
+    const lull_images other = get_window(l, l->first + lane, results + RESULT_BYTES);
+    lull_status status = run_window(l, largest, &best, memory);
+    unsigned i;
+
+    (void)worker;
+    for (i = 0; i < largest && status == LULL_OK; i++) {
+        if (!l->agree[i])
+            continue;
+        status = run_window(l, i, &other, memory);
+        if (status == LULL_OK)
+            l->sums[lane][i] =
+                lull_difference(&other.output, &best.output, &frame, other.input_scale);
+    }
+    l->status[lane] = status;
+}
+
+/* Finds the smallest model that agrees with the largest on all windows together. Once too much sets
+ * one apart from it more windows cannot change that, so how many are looked at together, which
+ * depends on the threads, does not matter. */
+static lull_status choose(OIDNFilter filter, const lull_images *images, const lull_host *host,
+                          unsigned *rung)
+{
+    const lull_ladder *ladder = &filter->ladder;
+    const unsigned n = count_windows(&filter->frame), largest = ladder->rungs - 1;
+    look l = {ladder, &filter->frame, images, 0, {false}, {LULL_OK}, {{0}}};
+    uint64_t sums[LULL_RUNGS] = {0};
+    unsigned i, lane, lanes;
+
+    for (*rung = 0; *rung < largest && l.first < n; l.first += lanes) {
+        lanes = n - l.first < ladder->lanes ? n - l.first : ladder->lanes;
+        for (i = 0; i < largest; i++)
+            l.agree[i] = agrees(sums[i], l.frame);
+        host->parallel_for(host->user, lanes, look_at, &l);
+        for (lane = 0; lane < lanes; lane++) {
+            if (l.status[lane] != LULL_OK)
+                return l.status[lane];
+            for (i = 0; i < largest; i++)
+                sums[i] += l.agree[i] ? l.sums[lane][i] : 0;
+        }
+        while (*rung < largest && !agrees(sums[*rung], l.frame))
+            ++*rung;
+        if (host->progress && !host->progress(host->user, SAMPLE_PART * (l.first + lanes) / n))
+            return LULL_CANCELLED;
+    }
+    return LULL_OK;
+}
 
 static void share_loop(void *user, unsigned count,
                        void (*body)(void *context, unsigned index, unsigned worker), void *context)
 {
-    const lull_host *host = ((climb *)user)->host;
+    const lull_host *host = user;
 
     host->parallel_for(host->user, count, body, context);
 }
 
+/* That of the frame, which begins where the sample ends. */
 static int pass_progress(void *user, double fraction)
 {
-    const climb *c = user;
+    const lull_host *host = user;
 
-    return c->host->progress(c->host->user, c->begin + c->part * fraction);
-}
-
-/* lull_run as a part of the execution. */
-static lull_status run_part(climb *c, lull_plan *plan, const lull_images *images)
-{
-    const lull_host host = {c, share_loop, c->host->progress ? pass_progress : NULL};
-    const lull_status status = lull_run(plan, images, &host);
-
-    c->begin += c->part;
-    return status;
-}
-
-/* What a model makes of a window. */
-static lull_status run_window(climb *c, const lull_images *window, const lull_model *model)
-{
-    const lull_frame frame = window_frame(&c->filter->frame);
-    lull_plan *plan;
-    lull_status status = lull_plan_init(&plan, c->filter->ladder.memory,
-                                        c->filter->ladder.plan_bytes, &frame, model);
-
-    return status == LULL_OK ? run_part(c, plan, window) : status;
-}
-
-/* Adds what sets each model that still agrees apart from the largest in a window. *agreeing: how
- * many of them still do after it. */
-static lull_status compare(climb *c, uint64_t sums[LULL_RUNGS], const lull_images *window,
-                           unsigned *agreeing)
-{
-    const lull_ladder *ladder = &c->filter->ladder;
-    const lull_frame frame = window_frame(&c->filter->frame);
-    const unsigned largest = ladder->rungs - 1;
-    lull_images theirs = *window, best = *window;
-    lull_status status;
-    unsigned i;
-
-    best.output.data = (char *)ladder->memory + ladder->plan_bytes;
-    theirs.output.data = (char *)best.output.data + RESULT_BYTES;
-    status = run_window(c, &best, ladder->rung[largest].model);
-    *agreeing = 0;
-    for (i = 0; i < largest && status == LULL_OK; i++) {
-        if (!agrees(sums[i], &c->filter->frame))
-            continue;
-        status = run_window(c, &theirs, ladder->rung[i].model);
-        if (status == LULL_OK)
-            sums[i] += lull_difference(&theirs.output, &best.output, &frame, window->input_scale);
-        *agreeing += agrees(sums[i], &c->filter->frame);
-    }
-    return status;
-}
-
-/* Finds the smallest model that agrees with the largest on all windows together. */
-static lull_status choose(climb *c, const lull_images *images, unsigned *rung)
-{
-    const lull_ladder *ladder = &c->filter->ladder;
-    const lull_frame *frame = &c->filter->frame;
-    const unsigned across = windows_along(frame->width), n = count_windows(frame);
-    uint64_t sums[LULL_RUNGS] = {0};
-    unsigned i, first = 0, agreeing = 1;
-
-    c->part = SAMPLE_PART / (n * ladder->rungs);
-    for (i = 0; i < n && agreeing; i++) {
-        const unsigned x = window_begin(i % across, across, frame->width);
-        const unsigned y = window_begin(i / across, n / across, frame->height);
-        lull_images window = *images;
-        lull_status status;
-
-        window.color = crop(&images->color, x, y);
-        window.albedo = crop(&images->albedo, x, y);
-        window.normal = crop(&images->normal, x, y);
-        window.output.type = LULL_F32;
-        window.output.pixel_stride = window.output.row_stride = 0;
-        status = compare(c, sums, &window, &agreeing);
-        if (status != LULL_OK)
-            return status;
-    }
-    while (first + 1 < ladder->rungs && !agrees(sums[first], frame))
-        first++;
-    *rung = first;
-    return LULL_OK;
+    return host->progress(host->user, SAMPLE_PART + (1 - SAMPLE_PART) * fraction);
 }
 
 lull_status lull_ladder_run(OIDNFilter filter, const lull_images *images, const lull_host *host,
                             OIDNQuality *taken)
 {
     lull_ladder *ladder = &filter->ladder;
-    climb c = {filter, host, 0, 0};
+    lull_host caller = *host;
+    const lull_host rest = {&caller, share_loop, host->progress ? pass_progress : NULL};
     lull_images scaled = *images;
     lull_plan *plan = filter->plan;
     unsigned rung;
     lull_status status = lull_choose_scale(&scaled.input_scale, plan, images, host);
 
     if (status == LULL_OK)
-        status = choose(&c, &scaled, &rung);
+        status = choose(filter, &scaled, host, &rung);
     if (status == LULL_OK && rung != ladder->at) {
         status = lull_plan_init(&plan, filter->plan_memory, filter->plan_bytes, &filter->frame,
                                 ladder->rung[rung].model);
@@ -274,7 +293,5 @@ lull_status lull_ladder_run(OIDNFilter filter, const lull_images *images, const 
     if (status != LULL_OK)
         return status;
     *taken = ladder->rung[rung].quality;
-    c.begin = SAMPLE_PART;
-    c.part = 1 - SAMPLE_PART;
-    return run_part(&c, plan, &scaled);
+    return lull_run(plan, &scaled, &rest);
 }

@@ -278,8 +278,9 @@ typedef struct lull_ladder {
     unsigned rungs;       /* 0: there is nothing to choose */
     unsigned at;          /* the one that the plan is made for now; used by executions only */
     size_t weights_bytes; /* of all models but the largest */
-    size_t plan_bytes;    /* of a window, in sample_bytes of memory */
-    size_t sample_bytes;
+    unsigned lanes;       /* windows looked at together, in as many equal parts of `memory` */
+    size_t plan_bytes;    /* of a window, a multiple of LULL_ALIGN */
+    size_t sample_bytes;  /* of memory */
     void *memory;
 } lull_ladder;
 
