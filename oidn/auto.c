@@ -16,12 +16,11 @@
 #define MOST 8u    /* windows side by side; more would tell no more */
 #define FEWEST 4u  /* windows in a frame: fewer would tell too little */
 #define TIMES 10u  /* a frame has at least so many times their pixels: else they cost too much */
+#define LANES 16u  /* windows looked at together at most: half a megabyte each */
 
 /* Models agree if their results differ by fewer display codes, root mean square: 0.4 % of white, or
  * 48 dB. docs/models.md has what that costs. */
 #define AGREEMENT (LULL_DISPLAY_WHITE / 250)
-
-#define LANES 16u  /* windows looked at together at most: half a megabyte each */
 
 /* Bytes of a model's result for a window. */
 #define RESULT_BYTES (sizeof(float) * 3 * WINDOW * WINDOW)
@@ -144,9 +143,7 @@ bool lull_ladder_find(lull_ladder *ladder, OIDNFilter filter, const lull_frame *
     ladder->rung[ladder->rungs].quality = OIDN_QUALITY_HIGH;
     ladder->rung[ladder->rungs++].model = model;
     ladder->plan_bytes = lull_align_up(lull_ladder_plan_size(ladder, &window), LULL_ALIGN);
-    ladder->lanes = count_windows(frame);
-    ladder->lanes = ladder->lanes < frame->threads ? ladder->lanes : frame->threads;
-    ladder->lanes = ladder->lanes < LANES ? ladder->lanes : LANES;
+    ladder->lanes = lull_min_u(lull_min_u(count_windows(frame), frame->threads), LANES);
     ladder->sample_bytes = ladder->lanes * lane_bytes(ladder);
     return true;
 }
@@ -168,10 +165,10 @@ typedef struct look {
     const lull_ladder *ladder;
     const lull_frame *frame;
     const lull_images *images;
-    unsigned first;         /* window */
-    bool agree[LULL_RUNGS]; /* models with the largest, on all windows before */
+    unsigned first;            /* window */
+    uint64_t sums[LULL_RUNGS]; /* what sets models apart from the largest in all windows before */
     lull_status status[LANES];
-    uint64_t sums[LANES][LULL_RUNGS]; /* what sets those apart from it */
+    uint64_t more[LANES][LULL_RUNGS]; /* and in these, for models that still agree with it */
 } look;
 
 /* Window `index` of the frame, as what a model is given; the result goes to `result`. */
@@ -209,17 +206,19 @@ static void look_at(void *context, unsigned lane, unsigned worker)
     char *memory = (char *)l->ladder->memory + lane * lane_bytes(l->ladder);
     char *results = memory + l->ladder->plan_bytes;
     const lull_images best = get_window(l, l->first + lane, results);
-    const lull_images other = get_window(l, l->first + lane, results + RESULT_BYTES);
+    lull_images other = best;
     lull_status status = run_window(l, largest, &best, memory);
     unsigned i;
 
     (void)worker;
+    other.output.data = results + RESULT_BYTES;
     for (i = 0; i < largest && status == LULL_OK; i++) {
-        if (!l->agree[i])
+        l->more[lane][i] = 0;
+        if (!agrees(l->sums[i], l->frame))
             continue;
         status = run_window(l, i, &other, memory);
         if (status == LULL_OK)
-            l->sums[lane][i] =
+            l->more[lane][i] =
                 lull_difference(&other.output, &best.output, &frame, other.input_scale);
     }
     l->status[lane] = status;
@@ -233,22 +232,19 @@ static lull_status choose(OIDNFilter filter, const lull_images *images, const lu
 {
     const lull_ladder *ladder = &filter->ladder;
     const unsigned n = count_windows(&filter->frame), largest = ladder->rungs - 1;
-    look l = {ladder, &filter->frame, images, 0, {false}, {LULL_OK}, {{0}}};
-    uint64_t sums[LULL_RUNGS] = {0};
+    look l = {ladder, &filter->frame, images, 0, {0}, {LULL_OK}, {{0}}};
     unsigned i, lane, lanes;
 
     for (*rung = 0; *rung < largest && l.first < n; l.first += lanes) {
-        lanes = n - l.first < ladder->lanes ? n - l.first : ladder->lanes;
-        for (i = 0; i < largest; i++)
-            l.agree[i] = agrees(sums[i], l.frame);
+        lanes = lull_min_u(n - l.first, ladder->lanes);
         host->parallel_for(host->user, lanes, look_at, &l);
         for (lane = 0; lane < lanes; lane++) {
             if (l.status[lane] != LULL_OK)
                 return l.status[lane];
             for (i = 0; i < largest; i++)
-                sums[i] += l.agree[i] ? l.sums[lane][i] : 0;
+                l.sums[i] += l.more[lane][i];
         }
-        while (*rung < largest && !agrees(sums[*rung], l.frame))
+        while (*rung < largest && !agrees(l.sums[*rung], l.frame))
             ++*rung;
         if (host->progress && !host->progress(host->user, SAMPLE_PART * (l.first + lanes) / n))
             return LULL_CANCELLED;
