@@ -59,24 +59,64 @@ def orthogonal(m: Tensor) -> Tensor:
 
 
 class Muon(torch.optim.Optimizer):
-    """Nesterov's momentum of matrices, made orthogonal."""
+    """Nesterov's momentum of matrices, made orthogonal. On CUDA its steps are a graph: they are
+    some thirty small kernels for each matrix, which take longer to launch than to run."""
 
     def __init__(self, matrices: Iterable[Tensor], rate: float):
         super().__init__(matrices, {"lr": rate})
+        self.recorded = None
 
     @torch.no_grad()
     def step(self) -> None:
-        for group in self.param_groups:
-            for p in group["params"]:
-                if p.grad is None:
-                    continue
-                if not self.state[p]:
-                    self.state[p]["momentum"] = torch.zeros_like(p)
-                momentum = self.state[p]["momentum"]
-                momentum.lerp_(p.grad, 1 - MOMENTUM)
-                move = orthogonal(p.grad.lerp(momentum, MOMENTUM))
-                p.mul_(1 - DECAY * group["lr"])
-                p.add_(move, alpha=-0.2 * max(p.shape) ** 0.5 * group["lr"])
+        group, = self.param_groups
+        matrices = [p for p in group["params"] if p.grad is not None]
+        for p in matrices:
+            if not self.state[p]:
+                self.state[p]["momentum"] = torch.zeros_like(p)
+        momenta = [self.state[p]["momentum"] for p in matrices]
+        grads = [p.grad for p in matrices]
+        if group["params"][0].device.type == "cuda" and len(matrices) == len(group["params"]):
+            self.recorded = self.recorded or Recorded(matrices, momenta)
+            self.recorded(grads, group["lr"])
+        else:
+            take_step(matrices, grads, momenta, group["lr"])
+
+    def load_state_dict(self, state: dict) -> None:
+        super().load_state_dict(state)
+        self.recorded = None  # it knows the momenta of before
+
+
+def take_step(matrices: list[Tensor], grads: list[Tensor], momenta: list[Tensor],
+              rate: float | Tensor) -> None:
+    """Muon's step, in place."""
+    for p, grad, momentum in zip(matrices, grads, momenta):
+        momentum.lerp_(grad, 1 - MOMENTUM)
+        move = orthogonal(grad.lerp(momentum, MOMENTUM))
+        p.mul_(1 - DECAY * rate)
+        p.sub_(move * (0.2 * max(p.shape) ** 0.5 * rate))
+
+
+class Recorded:
+    """take_step of some matrices as a CUDA graph."""
+
+    def __init__(self, matrices: list[Tensor], momenta: list[Tensor]):
+        self.grads = [torch.zeros_like(p) for p in matrices]
+        self.rate = torch.zeros((), device=matrices[0].device)
+        stream = torch.cuda.Stream()
+        stream.wait_stream(torch.cuda.current_stream())
+        with torch.cuda.stream(stream):  # once without effect: libraries set themselves up
+            copies = [[v.clone() for v in values] for values in (matrices, momenta)]
+            take_step(copies[0], self.grads, copies[1], self.rate)
+        torch.cuda.current_stream().wait_stream(stream)
+        self.graph = torch.cuda.CUDAGraph()
+        # Loaders pin memory meanwhile, in another thread.
+        with torch.cuda.graph(self.graph, stream=stream, capture_error_mode="thread_local"):
+            take_step(matrices, self.grads, momenta, self.rate)
+
+    def __call__(self, grads: list[Tensor], rate: float) -> None:
+        torch._foreach_copy_(self.grads, grads)
+        self.rate.fill_(rate)
+        self.graph.replay()
 
 
 class Optimizer:

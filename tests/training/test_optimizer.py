@@ -7,7 +7,8 @@ import pytest
 import torch
 
 from training import nets, parallel
-from training.optimizer import DECAY, MOMENTUM, Muon, Optimizer, is_matrix, orthogonal
+from training.optimizer import DECAY, MOMENTUM, Muon, Optimizer, Recorded, is_matrix, orthogonal, \
+    take_step
 
 
 def steps(model, kind: str, count: int = 3, rate: float = 1e-2):
@@ -124,3 +125,31 @@ def test_state_comes_back(model):
     optimizer.schedule(5e-3, 0.9)
     assert {g["lr"] for part in optimizer.parts for g in part.param_groups} == {5e-3}
     assert optimizer.parts[0].param_groups[0]["betas"][0] == 0.9
+
+
+def muons_tensors(device: str):
+    torch.manual_seed(4)
+    shapes = ((8, 18), (16, 9))
+    return tuple([torch.randn(*shape).to(device) for shape in shapes] for _ in range(3))
+
+
+def test_muons_rate_may_be_a_tensor():
+    """As in a CUDA graph, whose numbers stay as they were recorded."""
+    with_number, with_tensor = muons_tensors("cpu"), muons_tensors("cpu")
+    for rate in (0.01, 0.002):
+        take_step(*with_number, rate)
+        take_step(*with_tensor, torch.tensor(rate))
+    for a, b in zip(sum(with_number, []), sum(with_tensor, [])):
+        assert torch.allclose(a, b, rtol=1e-6, atol=1e-8)
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="optional: no CUDA device")
+def test_muons_graph_takes_the_same_steps():
+    matrices, grads, momenta = muons_tensors("cuda")
+    expected = [[v.clone() for v in values] for values in (matrices, grads, momenta)]
+    recorded = Recorded(matrices, momenta)
+    for rate in (0.01, 0.002, 0.005):
+        recorded(grads, rate)
+        take_step(*expected, rate)
+        for a, b in zip(matrices + momenta, expected[0] + expected[2]):
+            assert torch.allclose(a, b, rtol=1e-4, atol=1e-6)
