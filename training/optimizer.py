@@ -89,11 +89,11 @@ class Muon(torch.optim.Optimizer):
 def take_step(matrices: list[Tensor], grads: list[Tensor], momenta: list[Tensor],
               rate: float | Tensor) -> None:
     """Muon's step, in place."""
+    keep = 1 - DECAY * rate
     for p, grad, momentum in zip(matrices, grads, momenta):
         momentum.lerp_(grad, 1 - MOMENTUM)
         move = orthogonal(grad.lerp(momentum, MOMENTUM))
-        p.mul_(1 - DECAY * rate)
-        p.sub_(move * (0.2 * max(p.shape) ** 0.5 * rate))
+        p.mul_(keep).sub_(move.mul_(0.2 * max(p.shape) ** 0.5 * rate))
 
 
 class Recorded:
