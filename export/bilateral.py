@@ -3,9 +3,9 @@
 
     python -m export.bilateral IN.tza OUT.tza
 
-The filter's steps 6 and 7 (docs/kernel-prediction.md) have no trained weights: a file asks for them
-by the tensor `bilateral.scale`, a single 1, or 2 for step 6 alone. IN and OUT: .tza, integer; they
-may be the same.
+The filter's steps 6 to 8 (docs/kernel-prediction.md) have no trained weights: a file asks for them
+by the tensor `bilateral.scale`, a single 3, or 1 for 6 and 8, or 2 for step 6 alone. IN and OUT:
+.tza, integer; they may be the same.
 """
 from __future__ import annotations
 
@@ -24,6 +24,8 @@ def main(argv: list[str]) -> None:
     parser.add_argument("input", type=Path)
     parser.add_argument("output", type=Path)
     which = parser.add_mutually_exclusive_group()
+    which.add_argument("--correct", action="store_true",
+                       help="smooth and correct (steps 6 and 8), without regression")
     which.add_argument("--smooth", action="store_true", help="smooth only (step 6)")
     which.add_argument("--off", action="store_true", help="no longer")
     args = parser.parse_args(argv)
@@ -32,7 +34,7 @@ def main(argv: list[str]) -> None:
     except (ValueError, OSError) as e:
         raise errors.ToolError(f"{args.input}: {e}", errors.STATE) from e
     model.bilateral = (0 if args.off else kernel.SMOOTH if args.smooth else
-                       kernel.SMOOTH_AND_CORRECT)
+                       kernel.SMOOTH_AND_CORRECT if args.correct else kernel.ALL_STEPS)
     write_tensors(args.output, tensors_of(model))
 
 

@@ -51,7 +51,7 @@ def random_model(seed: int) -> kernel.IntTrunk:
         layers.append(IntLayer(layer, kernel.widened(weight) if head else weight, skip, bias, scale,
                                0, NARROW_MAX, NARROW_MAX, NARROW_MAX))
         channels[layer.name] = o
-    return kernel.IntTrunk(trunk, layers, bilateral=kernel.SMOOTH_AND_CORRECT)
+    return kernel.IntTrunk(trunk, layers, bilateral=kernel.ALL_STEPS)
 
 
 def pictures(seed: int) -> dict[str, np.ndarray]:

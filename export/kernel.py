@@ -15,6 +15,7 @@ import numpy as np
 from export import pixels
 from export.graph import ALIGN, NETS_DEF, Layer, ModelError, Net, read_nets
 from export.reference import NARROW_MAX, FloatModel, IntLayer, IntModel, _tensor, check_layer
+from export.regression import features_of, regressed
 from export.smooth import EPS, corrected, guide_of, noise_codes, shares, smoothed, to_code
 from export.tza import Reader
 
@@ -27,9 +28,21 @@ CONFIDENCE, BLEND, ALBEDO = 25, 26, 27
 HEAD_STEP = 1 / 16          # logit of one code
 NO_NORMAL = 128             # code of the normal where there is none
 
-BILATERAL = "bilateral.scale"    # a tensor of one value: 1 smooth and correct, 2 smooth only
-SMOOTH_AND_CORRECT, SMOOTH = 1, 2  # (export.smooth)
+BILATERAL = "bilateral.scale"    # a tensor of one value: the last steps, a key of LAST_STEPS
+SMOOTH_AND_CORRECT, SMOOTH, ALL_STEPS = 1, 2, 3
 LOG_TERMS = F(30.6365147), F(-15.4037612), F(10.996752), F(-7.00442797)
+
+
+@dataclass(frozen=True)
+class LastSteps:
+    """Steps after the filter (export.smooth, export.regression): smoothing, and these."""
+
+    regresses: bool
+    corrects: bool
+
+
+LAST_STEPS = {SMOOTH_AND_CORRECT: LastSteps(False, True), SMOOTH: LastSteps(False, False),
+              ALL_STEPS: LastSteps(True, True)}
 
 
 @dataclass(frozen=True)
@@ -142,8 +155,8 @@ def bilateral_of(tensors: Mapping[str, np.ndarray], file: str) -> int:
     if BILATERAL not in tensors:
         return 0
     value = _tensor(tensors, BILATERAL, F, (1,), file)[0]
-    if value not in (SMOOTH_AND_CORRECT, SMOOTH):
-        raise ModelError(f"{file}: {BILATERAL}: {value:g}, known are 1 and 2")
+    if value not in LAST_STEPS:
+        raise ModelError(f"{file}: {BILATERAL}: {value:g}, known are 1 to {max(LAST_STEPS)}")
     return int(value)
 
 
@@ -207,19 +220,24 @@ def _upsampled(x: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     return x
 
 
+def feature_means(head: np.ndarray, image: np.ndarray) -> np.ndarray:
+    """5x5 means of the albedo or the normal [H,W,3] by the kernel that level 0's head has for
+    them."""
+    v = np.concatenate((np.ones_like(image[..., :1]), image), -1)
+    sums = sums_5x5(weight_table()[head[:v.shape[0], :v.shape[1], ALBEDO:ALBEDO + TAPS]], v)
+    return sums[..., 1:] * (F(1) / sums[..., :1])
+
+
 def apply_filter(heads: list[np.ndarray], radiance: np.ndarray, albedo: np.ndarray | None,
-                 guide: np.ndarray | None = None, bilateral: int = 0,
-                 clipped: bool = False) -> np.ndarray:
+                 normal: np.ndarray | None = None, guide: np.ndarray | None = None,
+                 bilateral: int = 0, clipped: bool = False) -> np.ndarray:
     """Filtered radiance [H,W,3]. heads: codes by level, of the padded size; bilateral: a value of
     BILATERAL or 0; guide: of guide_of, if it is not 0; clipped: the radiance was, so that it lacks
     light itself."""
-    h, w, _ = radiance.shape
     table = weight_table()
     smooth = np.ones_like(radiance)
     if albedo is not None:
-        v = np.concatenate((np.ones((h, w, 1), F), albedo), -1)
-        sums = sums_5x5(table[heads[0][:h, :w, ALBEDO:ALBEDO + TAPS]], v)
-        smooth = sums[..., 1:] * (F(1) / sums[..., :1]) + EPS
+        smooth = feature_means(heads[0], albedo) + EPS
     radiance = np.minimum(radiance, RADIANCE_MAX)
     i, confident, filtered, blends = radiance * shares(smooth), [], [], []
     for level in range(LEVELS):
@@ -237,9 +255,13 @@ def apply_filter(heads: list[np.ndarray], radiance: np.ndarray, albedo: np.ndarr
         f = filtered[level]
         out = f + blends[level] * (_upsampled(out, f.shape) - f)
     if bilateral:
+        steps = LAST_STEPS[bilateral]
         noise = noise_codes(confident[0], filtered[0])
-        out = smoothed(out, noise, guide, bilateral == SMOOTH_AND_CORRECT)
-        if bilateral == SMOOTH_AND_CORRECT and not clipped:
+        out = smoothed(out, noise, guide, steps.corrects)
+        if steps.regresses and (albedo is not None or normal is not None):
+            even = np.zeros_like(out) if normal is None else feature_means(heads[0], normal)
+            out = regressed(out, smooth, features_of(even, smooth), radiance)
+        if steps.corrects and not clipped:
             out = corrected(out, smooth, noise, radiance)
     return out * smooth
 
@@ -268,7 +290,7 @@ def run_frame(model: IntTrunk, frame: pixels.Frame, channels: int = 3) -> np.nda
     h, w, _ = r.shape
     codes = np.pad(codes, ((0, -h % ALIGN), (0, -w % ALIGN), (0, 0)))
     maps = model.maps(codes)
-    v = apply_filter([maps[n] for n in model.net.heads], r, aux["albedo"],
+    v = apply_filter([maps[n] for n in model.net.heads], r, aux["albedo"], aux["normal"],
                      guide_of(codes[:h, :w]), model.bilateral, not rule.is_hdr)
     v = pixels.sanitize(v, 1.0, 0.0, pixels.MAX)
     v = pixels.srgb_forward(v) if frame.content == "srgb" and not rule.is_signed else v

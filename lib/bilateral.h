@@ -1,4 +1,4 @@
-/* The last steps of family K's filter (docs/kernel-prediction.md, steps 6 and 7): averages along
+/* The last steps of family K's filter (docs/kernel-prediction.md, steps 6 to 8): averages along
  * surfaces whose light is even, and light that the result lacks. Models have them whose files ask
  * for them.
  *
@@ -9,6 +9,17 @@
  *
  * bilateral: the smoothed result of pixels all of whose columns, up to LULL_BILATERAL_REACH, or
  *     LULL_BILATERAL_FAR if is_far, to either side, are there (of the noise one to either side).
+ *
+ * fit_sums: adds what n pixels make of the sums of their cells to LULL_FIT_SUMS planes of sums:
+ *     lull_fit_products of p(c) = v(c) smooth(c), R(c) and lull_fit_features.
+ *
+ * fit: coefficients of cells, LULL_FIT_COEFFICIENTS planes: lull_fit of sums over the cells of
+ *     three rows (above, here, below), from cell -1 to cell `cells`, weighted by 1, 2, 1: first
+ *     (above + below) + 2 here in each column, then of columns alike.
+ *
+ * regress: lull_regressed of pixels, the first of which is the first of its cell. Coefficients of
+ *     cell 1 are those at its centre, of cell 0 those of the cell before; between two centres b + t
+ *     (b' - b), t = lull_fit_part. LULL_FIT_ROOM(pixels) cells are there, whether needed or not.
  *
  * residual: adds what n pixels make of their cell's balance to planes of sums. With V = (v(r)
  *     smooth(r) + v(g) smooth(g)) + v(b) smooth(b), R = (R(r) + R(g)) + R(b), L = V +
@@ -22,6 +33,7 @@
 #include "pixels.h"
 
 #define LULL_GAIN_REACH 64u /* columns to either side on which a correction depends */
+#define LULL_FIT_REACH 12u  /* and those in the cells on either side whose coefficients it reads */
 
 /* A row of the result, 3 planes, `plane` floats apart, and its guide (kernels.h). */
 typedef struct lull_surface {
@@ -45,6 +57,24 @@ LULL_INLINE int lull_bilateral_columns(int is_far)
     return is_far ? LULL_BILATERAL_FAR : LULL_BILATERAL_REACH;
 }
 LULL_INLINE unsigned lull_bilateral_rows(int is_far) { return is_far ? 4 : 2; }
+
+/* Pixels of a row of the smoothed result, their divisor and filtered normal, 3 planes each, and the
+ * sums of their cells, as columns, or their coefficients. */
+typedef struct lull_fitting {
+    float *sums;
+    const float *v, *smooth, *normal;
+    size_t sum_plane, v_plane, smooth_plane, normal_plane;
+    unsigned pixels;
+} lull_fitting;
+
+#define LULL_FIT_ROOM(pixels) ((pixels) / LULL_FIT_SIDE + 4)
+
+typedef struct lull_regression {
+    float *out; /* 3 planes */
+    const float *v, *smooth, *normal, *coefficients;
+    size_t out_plane, v_plane, smooth_plane, normal_plane, plane; /* plane: of the coefficients */
+    unsigned pixels;
+} lull_regression;
 
 /* Pixels of a row of the smoothed result, 3 planes, and what belongs to them; sums lie in planes,
  * sum_plane apart. */

@@ -28,12 +28,13 @@ static void load(lull_task *t, unsigned rows, unsigned base_row, const lull_host
     t->chunk = lull_plan_band(t->plan);
     make_rows(t, host, rows - t->first, t->right - t->left, lull_exec_load);
     t->plan->done[LULL_TENSOR_INPUT] = rows;
-    if (t->plan->keeps_rows)
-        t->plan->done[LULL_TENSOR_RADIANCE] = t->plan->done[LULL_TENSOR_ALBEDO] =
-            t->plan->done[LULL_TENSOR_GUIDE] = rows;
+    if (t->plan->keeps_rows) {
+        t->plan->done[LULL_TENSOR_RADIANCE] = rows;
+        lull_plan_set_aux(t->plan, rows);
+    }
 }
 
-/* Albedo and guide that are not kept come in when the filter is about to need it. */
+/* Albedo, guide and normal that are not kept come in when the filter is about to need them. */
 static void load_albedo(lull_task *t, const lull_host *host)
 {
     lull_plan *plan = t->plan;
@@ -43,7 +44,7 @@ static void load_albedo(lull_task *t, const lull_host *host)
     t->chunk = lull_plan_band(plan);
     if (lull_plan_has(plan, LULL_TENSOR_ALBEDO) || lull_plan_has(plan, LULL_TENSOR_GUIDE))
         make_rows(t, host, rows - t->first, t->right - t->left, lull_exec_spread);
-    plan->done[LULL_TENSOR_ALBEDO] = plan->done[LULL_TENSOR_GUIDE] = rows;
+    lull_plan_set_aux(plan, rows);
 }
 
 /* How far the run is: the mean, over input, layers and output, of the parts of their rows that are
@@ -120,13 +121,21 @@ static void take_turns(lull_group *g, lull_task *t, unsigned batch, unsigned l, 
 }
 
 /* Handing a loop to threads and waiting for them takes about as long as the blending of so many
- * pixels; a 5x5 mean takes as long as MEAN_COST of them. */
+ * pixels; a 5x5 mean takes as long as MEAN_COST of them, and coefficients of a cell as FIT_COST. */
 #define SHORT_LOOP 2500u
 #define MEAN_COST 4u
+#define FIT_COST 32u
 
 /* 1 if the groups are a few pixels of the filter, which one thread makes as fast as many. */
 static int is_short(const lull_task *t)
 {
+    static const uint16_t cost_of[] = {[LULL_READS_ROW] = 1,
+                                       [LULL_READS_3] = FIT_COST,
+                                       [LULL_READS_5] = MEAN_COST,
+                                       [LULL_READS_9] = 1,
+                                       [LULL_READS_FINE] = 1,
+                                       [LULL_READS_CELL] = LULL_CELL * LULL_CELL,
+                                       [LULL_READS_8] = LULL_FIT_SIDE * LULL_FIT_SIDE};
     const lull_graph *graph = &t->plan->model->graph;
     unsigned cost = 0;
     for (const lull_group *g = t->group; g < t->group + t->groups; g++)
@@ -135,9 +144,7 @@ static int is_short(const lull_task *t)
             if (lull_layer_is_conv(layer) || g->stores)
                 return 0;
             cost += g->rows * ((t->right - t->left) >> layer->level) *
-                    (layer->reads[0] == LULL_READS_5      ? MEAN_COST
-                     : layer->reads[0] == LULL_READS_CELL ? LULL_CELL * LULL_CELL
-                                                          : 1);
+                    cost_of[layer->reads[0]];
         }
     return cost < SHORT_LOOP;
 }

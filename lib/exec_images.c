@@ -178,7 +178,7 @@ void lull_exec_radiance(lull_encoding *from, const lull_task *t, float *block, u
     from->most = LULL_RADIANCE_MAX;
 }
 
-/* n pixels from column x on of row y of the albedo tensor and of the guide. */
+/* n pixels from column x on of row y of the tensors of albedo and normal and of the guide. */
 static void load_aux(const lull_task *t, const float *albedo, const float *normal, unsigned x,
                      unsigned y, unsigned n)
 {
@@ -187,12 +187,15 @@ static void load_aux(const lull_task *t, const float *albedo, const float *norma
     if (albedo && lull_plan_has(plan, LULL_TENSOR_ALBEDO))
         plan->model->kernels.spread(lull_exec_floats(plan, LULL_TENSOR_ALBEDO, y, column),
                                     lull_exec_plane(plan, LULL_TENSOR_ALBEDO), albedo, n);
+    if (normal && lull_plan_has(plan, LULL_TENSOR_NORMAL))
+        plan->model->kernels.spread_xyz(lull_exec_floats(plan, LULL_TENSOR_NORMAL, y, column),
+                                        lull_exec_plane(plan, LULL_TENSOR_NORMAL), normal, n);
     if (lull_plan_has(plan, LULL_TENSOR_GUIDE))
         plan->model->kernels.guide(
             lull_exec_row(plan, LULL_TENSOR_GUIDE, y) + 2 * (size_t)column, albedo, normal, n);
 }
 
-/* The same for family K: codes, and radiance, albedo and guide if they are kept from now on. */
+/* The same for family K: codes, and the other tensors if they are kept from now on. */
 static void load_kernel(const lull_task *t, float *block, unsigned x, unsigned y, unsigned n)
 {
     lull_plan *plan = t->plan;
@@ -240,8 +243,8 @@ static void clear_part(const lull_task *t, unsigned tensor, unsigned y, const lu
     const lull_ring *ring = &t->plan->ring[tensor];
     size_t pixel = lull_ring_pixel(ring);
     uint8_t *row = lull_exec_row(t->plan, tensor, y) + (part->left - t->left) * pixel;
-    for (unsigned i = 0; i < (ring->plane_units ? ring->channels : 1); i++)
-        memset(row + i * lull_ring_plane(ring), 0, (part->right - part->left) * pixel);
+    for (unsigned i = 0; i < (ring->has_planes ? ring->channels : 1u); i++)
+        memset(row + i * lull_plan_plane(t->plan, tensor), 0, (part->right - part->left) * pixel);
 }
 
 void lull_exec_spread(void *context, unsigned index, unsigned worker)
@@ -252,6 +255,8 @@ void lull_exec_spread(void *context, unsigned index, unsigned worker)
     unsigned y = t->first + part.row, right = lull_min_u(part.right, plan->frame.width);
     if (y >= plan->frame.height && lull_plan_has(plan, LULL_TENSOR_ALBEDO))
         clear_part(t, LULL_TENSOR_ALBEDO, y, &part);
+    if (y >= plan->frame.height && lull_plan_has(plan, LULL_TENSOR_NORMAL))
+        clear_part(t, LULL_TENSOR_NORMAL, y, &part);
     for (unsigned x = part.left; y < plan->frame.height && x < right; x += LULL_BLOCK) {
         unsigned n = lull_min_u(LULL_BLOCK, right - x);
         float *block = lull_exec_scratch(t, worker);
@@ -275,12 +280,12 @@ static void keep_columns(const lull_task *t, unsigned y, unsigned column, int is
     for (unsigned i = 0; i < LULL_LOADED; i++) {
         const lull_ring *ring = &plan->ring[lull_loaded[i]];
         size_t pixel = lull_ring_pixel(ring), kept = plan->saved_width * pixel;
-        unsigned planes = ring->plane_units ? ring->channels : 1;
+        unsigned planes = ring->has_planes ? ring->channels : 1u;
         uint8_t *row;
         if (!lull_plan_has(plan, lull_loaded[i]))
             continue;
         row = lull_exec_row(plan, lull_loaded[i], y) + (column - t->left) * pixel;
-        for (unsigned p = 0; p < planes; p++, row += lull_ring_plane(ring)) {
+        for (unsigned p = 0; p < planes; p++, row += lull_plan_plane(plan, lull_loaded[i])) {
             uint8_t *end = saved + ((size_t)y * planes + p + 1) * kept;
             copy_before(is_store ? end : row, is_store ? row : end, columns * pixel);
         }

@@ -18,7 +18,7 @@ float *lull_exec_floats(const lull_plan *plan, unsigned tensor, unsigned y, unsi
 
 size_t lull_exec_plane(const lull_plan *plan, unsigned tensor)
 {
-    return lull_ring_plane(&plan->ring[tensor]) / sizeof(float);
+    return lull_plan_plane(plan, tensor) / sizeof(float);
 }
 
 const uint8_t *lull_exec_source(const lull_plan *plan, unsigned tensor, int y)
@@ -185,7 +185,7 @@ uint8_t *lull_exec_codes(const lull_plan *plan, unsigned tensor, unsigned y, uns
 {
     const lull_ring *ring = &plan->ring[tensor];
     return lull_exec_row(plan, tensor, y) - lull_ring_left(ring) +
-           ring->channels * lull_ring_plane(ring) + x;
+           ring->channels * lull_plan_plane(plan, tensor) + x;
 }
 
 uint8_t *lull_exec_noise(const lull_plan *plan, unsigned tensor, unsigned y, unsigned x)
@@ -229,6 +229,21 @@ static void make_smooth(const lull_task *t, unsigned x, unsigned y, unsigned n,
     for (unsigned c = 0; c < 3; c++)
         for (unsigned i = 0; i < n; i++)
             out[c * plane + i] = 1.0f;
+}
+
+/* Filtered normals, by the albedo's kernel. */
+static void make_facing(const lull_task *t, unsigned x, unsigned y, unsigned n,
+                        const uint8_t *codes, size_t step, unsigned worker)
+{
+    float *out = lull_exec_floats(t->plan, t->layer + 1, y, x);
+    size_t plane = lull_exec_plane(t->plan, t->layer + 1);
+    (void)worker;
+    if (lull_plan_has(t->plan, LULL_TENSOR_NORMAL)) {
+        make_means(t, x, y, n, 0.0f, 0.0f, codes + LULL_HEAD_ALBEDO, step);
+        return;
+    }
+    for (unsigned c = 0; c < 3; c++)
+        memset(out + c * plane, 0, n * sizeof *out);
 }
 
 static void make_demodulated(const lull_task *t, unsigned x, unsigned y, unsigned n,
@@ -355,6 +370,31 @@ static void make_bilateral(const lull_task *t, unsigned x, unsigned y, unsigned 
         memcpy(lull_exec_noise(plan, t->layer + 1, y, x), s.noise, n);
 }
 
+static void make_fit_sums(const lull_task *t, unsigned x, unsigned y, unsigned n,
+                          const uint8_t *codes, size_t step, unsigned worker)
+{
+    (void)codes;
+    (void)step;
+    lull_exec_fit_sums(t, x, y, n, worker);
+}
+
+static void make_fit(const lull_task *t, unsigned x, unsigned y, unsigned n, const uint8_t *codes,
+                     size_t step, unsigned worker)
+{
+    (void)codes;
+    (void)step;
+    (void)worker;
+    lull_exec_fit(t, x, y, n);
+}
+
+static void make_regressed(const lull_task *t, unsigned x, unsigned y, unsigned n,
+                           const uint8_t *codes, size_t step, unsigned worker)
+{
+    (void)codes;
+    (void)step;
+    lull_exec_regress(t, x, y, n, worker);
+}
+
 static void make_residual(const lull_task *t, unsigned x, unsigned y, unsigned n,
                           const uint8_t *codes, size_t step, unsigned worker)
 {
@@ -378,15 +418,20 @@ void lull_exec_filter(const lull_task *t, unsigned x, unsigned y, unsigned n, un
 {
     static void (*const make[])(const lull_task *, unsigned, unsigned, unsigned, const uint8_t *,
                                 size_t, unsigned) = {
-        NULL,        NULL,          make_smooth,  make_demodulated,
-        make_pooled, make_filtered, make_blended, make_bilateral, make_residual, make_corrected};
+        [LULL_OP_SMOOTH] = make_smooth,       [LULL_OP_DEMODULATE] = make_demodulated,
+        [LULL_OP_POOL] = make_pooled,         [LULL_OP_FILTER] = make_filtered,
+        [LULL_OP_BLEND] = make_blended,       [LULL_OP_BILATERAL] = make_bilateral,
+        [LULL_OP_FACE] = make_facing,         [LULL_OP_FIT_SUMS] = make_fit_sums,
+        [LULL_OP_FIT] = make_fit,             [LULL_OP_REGRESS] = make_regressed,
+        [LULL_OP_RESIDUAL] = make_residual,   [LULL_OP_CORRECT] = make_corrected};
     const lull_layer *layer = &t->plan->model->graph.layer[t->layer];
     unsigned head = layer->op == LULL_OP_DEMODULATE ? layer->source[2] : layer->source[1];
-    size_t step = t->plan->ring[head].channels;
-    const uint8_t *codes =
-        layer->op >= LULL_OP_BLEND
-            ? NULL
-            : part_at(t, head, x, y, worker) - t->plan->model->graph.layer[head - 1].first;
+    size_t step = 0;
+    const uint8_t *codes = NULL;
+    if (layer->op < LULL_OP_BLEND || layer->op == LULL_OP_FACE) {
+        step = t->plan->ring[head].channels;
+        codes = part_at(t, head, x, y, worker) - t->plan->model->graph.layer[head - 1].first;
+    }
     make[layer->op](t, x, y, n, codes, step, worker);
 }
 

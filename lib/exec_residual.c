@@ -119,6 +119,9 @@ void lull_exec_correct(const lull_task *t, unsigned x, unsigned y, unsigned n)
     size_t plane = lull_exec_plane(plan, tensor), out_plane = lull_exec_plane(plan, t->layer + 1);
     unsigned end = y < plan->frame.height ? lull_min_u(x + n, width) : 0;
     int held = (int)(t->left / LULL_CELL); /* the first cell that is */
+    float *out = lull_exec_floats(plan, t->layer + 1, y, 0);
+    const float *v = lull_exec_floats(plan, tensor, y, 0);
+    const uint8_t *noise = lull_exec_noise(plan, tensor, y, 0);
     cell_rows cells;
     cells.plane = lull_exec_plane(plan, sums);
     cells.part = lull_cell_part((int)y);
@@ -140,10 +143,8 @@ void lull_exec_correct(const lull_task *t, unsigned x, unsigned y, unsigned n)
             int next = lull_cell_near((int)at, 1, across);
             count = lull_min_u(count, stop - x);
             near = near < first ? first : near;
-            correct(lull_exec_floats(plan, t->layer + 1, y, x), out_plane,
-                    lull_exec_floats(plan, tensor, y, x), plane,
-                    lull_exec_noise(plan, tensor, y, x), gain[near - first], gain[next - first],
-                    at, count);
+            correct(out + x, out_plane, v + x, plane, noise + x, gain[near - first],
+                    gain[next - first], at, count);
             x += count;
         }
     }

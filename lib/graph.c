@@ -54,7 +54,8 @@ static int same(const char *a, const char *b)
 const char *lull_layer_name(const lull_layer *layer)
 {
     static const char *const names[] = {"", "", "smooth", "demodulate", "pool", "filter", "blend",
-                                        "bilateral", "residual", "correct"};
+                                        "bilateral", "face", "fit_sums", "fit", "regress",
+                                        "residual", "correct"};
     if (layer->op == LULL_OP_CONV)
         return rows[layer->row].name;
     return layer->op == LULL_OP_HEAD ? heads[layer->row].name : names[layer->op];
@@ -106,7 +107,7 @@ unsigned lull_graph_channels(const lull_graph *graph, unsigned tensor)
         return 3;
     if (tensor == LULL_TENSOR_GUIDE)
         return graph->family == LULL_FAMILY_K ? 2 : graph->aux;
-    if (tensor == LULL_TENSOR_ALBEDO)
+    if (tensor == LULL_TENSOR_ALBEDO || tensor == LULL_TENSOR_NORMAL)
         return 4;
     return tensor == LULL_TENSOR_INPUT ? graph->inputs - graph->aux
                                        : graph->layer[tensor - 1].outputs;
@@ -343,13 +344,19 @@ static lull_status add_filters(lull_graph *graph, const lull_tza *tza)
     static const lull_reads near[] = {LULL_READS_5, LULL_READS_5, LULL_READS_ROW};
     static const lull_reads far[] = {LULL_READS_9, LULL_READS_9, LULL_READS_ROW};
     static const lull_reads cell[] = {LULL_READS_CELL, LULL_READS_CELL};
+    static const lull_reads fit_sums[] = {LULL_READS_8, LULL_READS_8, LULL_READS_8, LULL_READS_8};
+    static const lull_reads fit[] = {LULL_READS_3};
+    static const lull_reads regress[] = {LULL_READS_ROW, LULL_READS_ROW, LULL_READS_ROW,
+                                         LULL_READS_EIGHTH};
     static const lull_reads correct[] = {LULL_READS_ROW, LULL_READS_CELLS};
-    unsigned head[K_LEVELS], filtered[K_LEVELS], v, even, result;
+    unsigned head[K_LEVELS], filtered[K_LEVELS], v, even, facing = LULL_TENSOR_NONE, result;
     lull_tza_tensor asked;
-    int has_bilateral = lull_tza_find(tza, "bilateral", ".scale", &asked), has_residual = 0;
+    int has_bilateral = lull_tza_find(tza, "bilateral", ".scale", &asked);
+    int has_residual = 0, has_fit = 0;
     if (has_bilateral) {
         float form = has_shape(&asked, 'f', 1, 0, 0) ? lull_tza_float(&asked, 0) : 0.0f;
-        has_residual = form == 1.0f;
+        has_fit = form == 3.0f;
+        has_residual = has_fit || form == 1.0f;
         if (!has_residual && form != 2.0f)
             return LULL_ERROR_NETWORK;
     }
@@ -362,8 +369,11 @@ static lull_status add_filters(lull_graph *graph, const lull_tza *tza)
         return LULL_ERROR_NETWORK;
     even = add_filter(graph, LULL_OP_SMOOTH, 0, 3,
                       (unsigned[]){LULL_TENSOR_ALBEDO, head[0], LULL_TENSOR_NONE}, smooth);
+    if (has_fit)
+        facing = add_filter(graph, LULL_OP_FACE, 0, 3,
+                            (unsigned[]){LULL_TENSOR_NORMAL, head[0], LULL_TENSOR_NONE}, smooth);
     v = add_filter(graph, LULL_OP_DEMODULATE, 0, 4,
-                   (unsigned[]){LULL_TENSOR_RADIANCE, even, head[0]}, rows3);
+                   (unsigned[]){LULL_TENSOR_RADIANCE, even, head[0], LULL_TENSOR_NONE}, rows3);
     head[0] = add_second_head(graph, head[0], v);
     for (unsigned s = 0; s < K_LEVELS; s++) {
         if (s > 0)
@@ -378,8 +388,17 @@ static lull_status add_filters(lull_graph *graph, const lull_tza *tza)
                             (unsigned[]){filtered[s], result, LULL_TENSOR_NONE}, blend);
     if (has_bilateral)
         result = add_filter(graph, LULL_OP_BILATERAL, 0, 3,
-                            (unsigned[]){result, LULL_TENSOR_GUIDE, filtered[0]},
+                            (unsigned[]){result, LULL_TENSOR_GUIDE, filtered[0], LULL_TENSOR_NONE},
                             has_residual ? far : near);
+    if (has_fit) {
+        unsigned sums = add_filter(
+            graph, LULL_OP_FIT_SUMS, LULL_FIT_LEVEL, LULL_FIT_SUMS,
+            (unsigned[]){result, even, facing, LULL_TENSOR_RADIANCE}, fit_sums);
+        v = add_filter(graph, LULL_OP_FIT, LULL_FIT_LEVEL, LULL_FIT_COEFFICIENTS,
+                       (unsigned[]){sums, LULL_TENSOR_NONE}, fit);
+        result = add_filter(graph, LULL_OP_REGRESS, 0, 3,
+                            (unsigned[]){result, even, facing, v}, regress);
+    }
     if (has_residual) {
         unsigned sums =
             add_filter(graph, LULL_OP_RESIDUAL, LULL_CELL_LEVEL, LULL_CELL_SUMS,
@@ -407,7 +426,7 @@ static void choose_forms(lull_graph *graph)
  * all pixels of a patch depend on all that its points are made of. */
 static unsigned reach(const lull_graph *graph, int is_exact)
 {
-    static const uint8_t radius[] = {0, 1, 2, 4, 1, 0, 0, LULL_GAIN_REACH};
+    static const uint8_t radius[] = {0, 1, 2, 4, 1, 0, 0, LULL_GAIN_REACH, 0, LULL_FIT_REACH};
     unsigned field = 0, align = 1u << graph->levels;
     for (unsigned i = 0; i < graph->layers; i++) {
         const lull_layer *layer = &graph->layer[i];
@@ -496,14 +515,16 @@ int lull_graph_is_far(const lull_layer *layer) { return layer->reads[0] == LULL_
 int lull_graph_has_noise(const lull_graph *graph, unsigned tensor)
 {
     unsigned smoothed = lull_graph_find(graph, LULL_OP_BILATERAL, 0);
-    return smoothed != LULL_TENSOR_NONE && (graph->layer[smoothed - 1].source[2] == tensor ||
-                                            (smoothed == tensor && smoothed < graph->layers));
+    return smoothed != LULL_TENSOR_NONE &&
+           (graph->layer[smoothed - 1].source[2] == tensor ||
+            (smoothed == tensor && smoothed < graph->layers) ||
+            lull_graph_find(graph, LULL_OP_REGRESS, 0) == tensor);
 }
 
 int lull_graph_planes(const lull_graph *graph, unsigned tensor)
 {
     unsigned op;
-    if (tensor == LULL_TENSOR_ALBEDO)
+    if (tensor == LULL_TENSOR_ALBEDO || tensor == LULL_TENSOR_NORMAL)
         return 1;
     op = tensor >= 1 && tensor <= graph->layers ? graph->layer[tensor - 1].op : LULL_OP_CONV;
     return (op > LULL_OP_HEAD) + (op == LULL_OP_FILTER) + lull_graph_has_noise(graph, tensor);

@@ -5,19 +5,21 @@
 #include "base.h"
 #include "tza.h"
 
-#define LULL_MAX_LAYERS 38
+#define LULL_MAX_LAYERS 42
 #define LULL_MAX_CHANNELS 1024 /* of any one tensor; bounds scratch memory and sums */
 
 /* Tensors are numbered: 0 is the input of the network, 1 + i the output of layer i. Family K also
- * keeps of the frame the unencoded radiance (r,g,b), the albedo (1,r,g,b; zeros outside the image)
- * and what tells surfaces apart, the guide (kernels.h). In the guide's place integer models of
- * family U may have the auxiliary channels of their input, as bytes. */
+ * keeps of the frame the unencoded radiance (r,g,b), the albedo (1,r,g,b; zeros outside the image),
+ * what tells surfaces apart, the guide (kernels.h), and the normal (1,x,y,z; like the albedo). In
+ * the guide's place integer models of family U may have the auxiliary channels of their input, as
+ * bytes. */
 #define LULL_TENSOR_INPUT 0
 #define LULL_TENSOR_RADIANCE (LULL_MAX_LAYERS + 1)
 #define LULL_TENSOR_ALBEDO (LULL_MAX_LAYERS + 2)
 #define LULL_TENSOR_GUIDE (LULL_MAX_LAYERS + 3)
 #define LULL_TENSOR_AUX LULL_TENSOR_GUIDE
-#define LULL_TENSORS (LULL_MAX_LAYERS + 4)
+#define LULL_TENSOR_NORMAL (LULL_MAX_LAYERS + 4)
+#define LULL_TENSORS (LULL_MAX_LAYERS + 5)
 #define LULL_TENSOR_NONE 0xff
 
 /* Elements of a tensor: fp32, or integer codes in 8 bits (narrow) or in 15 of 16 bits (wide). */
@@ -39,9 +41,15 @@ typedef enum lull_op {
                      * level 0 also those of the noise, for the next but one */
     LULL_OP_BLEND,  /* it, coarser result: result (r,g,b) */
     LULL_OP_BILATERAL, /* level 0's result, guide, its filter: smoothed, and the codes of the noise
-                        * for what follows; both if the file asks for it */
-    LULL_OP_RESIDUAL,  /* it, radiance: sums over the pixels of a cell */
-    LULL_OP_CORRECT    /* smoothed result, sums: result */
+                        * for what follows; like all below if the file asks for it */
+    LULL_OP_FACE,      /* normal, head: filtered normal (x,y,z), 0 where there is none */
+    LULL_OP_FIT_SUMS,  /* smoothed result, filtered albedo and normal, radiance: sums over the
+                        * pixels of a cell of 8x8 */
+    LULL_OP_FIT,       /* them: coefficients of the regression */
+    LULL_OP_REGRESS,   /* smoothed result, filtered albedo and normal, coefficients: result, and the
+                        * codes of the noise */
+    LULL_OP_RESIDUAL,  /* result, radiance: sums over the pixels of a cell of 16x16 */
+    LULL_OP_CORRECT    /* result, sums: result */
 } lull_op;
 
 /* Rows of a source that row y of a layer sees. */
@@ -53,10 +61,12 @@ typedef enum lull_reads {
     LULL_READS_COARSE, /* of half the resolution: (y+1)/2 - 1 and (y+1)/2 */
     LULL_READS_FINE,   /* of twice the resolution: 2y, 2y+1 */
     LULL_READS_CELL,   /* of 16 times the resolution: 16y .. 16y+15 */
-    LULL_READS_CELLS   /* of a 16th of it: one before the two nearest, they, and one after */
+    LULL_READS_CELLS,  /* of a 16th of it: one before the two nearest, they, and one after */
+    LULL_READS_8,      /* of 8 times the resolution: 8y .. 8y+7 */
+    LULL_READS_EIGHTH  /* of an eighth of it: the two nearest */
 } lull_reads;
 
-#define LULL_MAX_SOURCES 3
+#define LULL_MAX_SOURCES 4
 
 typedef struct lull_layer {
     uint8_t op;    /* lull_op */

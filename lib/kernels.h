@@ -91,6 +91,8 @@ typedef struct lull_conv {
  *
  * spread: planes (1, albedo), counting as above.
  *
+ * spread_xyz: planes (1, normal), counting as above.
+ *
  * guide: two bytes a pixel of at most 127, of the codes n of the normal that `encode` makes or, if
  *     that is NULL, a of the albedo, divisions cut: (2 n(x) - n(y) - n(z) + 510) / 8 and 7 (n(y) -
  *     n(z) + 255) / 32, which for lack of a third do not tell normals apart that differ along
@@ -108,7 +110,7 @@ typedef struct lull_conv {
  *     there = the same of i - 1 or i + 1: out = fine + beta ((0.75 here + 0.25 there) - fine), beta
  *     = table[codes[pixel]]. `table`: any 256 floats.
  *
- * noise, bilateral, residual: bilateral.h.
+ * noise, bilateral, fit_sums, fit, regress, residual: bilateral.h.
  *
  * modulate: out = S(v * smooth, 1, 0, FLT_MAX) * unscale; out is an image.
  *

@@ -500,15 +500,21 @@ LULL_NOINLINE static lull_status examine(lull_graph *graph, lull_kernels *kernel
     return LULL_OK;
 }
 
+/* Bytes of a model; 0 if its file is not a network's. On a stack of its own beside the graph. */
+LULL_NOINLINE static size_t size_of(lull_graph *graph, const lull_tza *tza, uint32_t ports)
+{
+    lull_kernels kernels;
+    size_t bytes;
+    return examine(graph, &kernels, &bytes, tza, ports) == LULL_OK ? bytes : 0;
+}
+
 size_t lull_model_size(const void *tza_bytes, size_t size, uint32_t ports)
 {
     lull_tza tza;
     lull_graph graph;
-    lull_kernels kernels;
-    size_t bytes;
     if (!tza_bytes || lull_tza_open(&tza, tza_bytes, size) != LULL_OK)
         return 0;
-    return examine(&graph, &kernels, &bytes, &tza, ports) == LULL_OK ? bytes : 0;
+    return size_of(&graph, &tza, ports);
 }
 
 lull_status lull_model_init(lull_model **model, void *memory, size_t memory_bytes,

@@ -165,6 +165,112 @@ LULL_INLINE float lull_smoothing_weight(const float *change, const float *g, int
     return w * w;
 }
 
+/* ---- Regression on normals and albedo -------------------------------------------------------- */
+
+#define LULL_FIT_SIDE 8u     /* pixels of a cell, in either direction */
+#define LULL_FIT_LEVEL 3u    /* log2 of it */
+#define LULL_FIT_FEATURES 4u /* filtered normal, mean filtered albedo */
+#define LULL_FIT_SUMS 31u    /* of a cell: 1, f, e, f f (upper triangle), f e, e e */
+#define LULL_FIT_COEFFICIENTS 15u /* of the features for each channel, then the constants */
+#define LULL_FIT_EPSILON 0.03f
+#define LULL_FIT_MOST_REST 4.0f /* of one pixel: single sparks are chance */
+#define LULL_THIRD 0.33333334f
+#define LULL_RIDGE 0.001f
+#define LULL_RIDGE_OF_NOISE 0.005f
+#define LULL_MOST_FIT 0.7f
+
+/* Features of a pixel from its filtered normal and its divisor. */
+LULL_INLINE void lull_fit_features(float *f, const float *normal, const float *smooth)
+{
+    for (int c = 0; c < 3; c++)
+        f[c] = normal[c];
+    f[3] = ((smooth[0] + smooth[1]) + smooth[2]) * LULL_THIRD;
+}
+
+/* What a pixel adds to the sums of its cell: result p, times its divisor, radiance r, features. */
+LULL_INLINE void lull_fit_products(float *sums, const float *p, const float *r, const float *f)
+{
+    float e[3];
+    int k = 0;
+    for (int c = 0; c < 3; c++) {
+        e[c] = (r[c] - p[c]) * (1.0f / (p[c] + LULL_FIT_EPSILON));
+        e[c] = e[c] < LULL_FIT_MOST_REST ? e[c] : LULL_FIT_MOST_REST;
+    }
+    sums[k++] = 1.0f;
+    for (int i = 0; i < 4; i++)
+        sums[k++] = f[i];
+    for (int c = 0; c < 3; c++)
+        sums[k++] = e[c];
+    for (int i = 0; i < 4; i++)
+        for (int j = i; j < 4; j++)
+            sums[k++] = f[i] * f[j];
+    for (int i = 0; i < 4; i++)
+        for (int c = 0; c < 3; c++)
+            sums[k++] = f[i] * e[c];
+    sums[k] = (e[0] * e[0] + e[1] * e[1]) + e[2] * e[2];
+}
+
+/* LULL_FIT_COEFFICIENTS of a cell from the sums of it and those around it: square-root-free
+ * Cholesky factors of the features' covariance, with a ridge that grows with the noise. */
+LULL_INLINE void lull_fit(float *b, const float *sums)
+{
+    float m = 1.0f / sums[0], f[4], e[3], lower[4][4], scaled[4][4], inverse[4], v, ridge;
+    for (int i = 0; i < 4; i++)
+        f[i] = sums[1 + i] * m;
+    for (int c = 0; c < 3; c++)
+        e[c] = sums[5 + c] * m;
+    v = (sums[30] * m - ((e[0] * e[0] + e[1] * e[1]) + e[2] * e[2])) * LULL_THIRD;
+    ridge = LULL_RIDGE + LULL_RIDGE_OF_NOISE * (v > 0.0f ? v : 0.0f);
+    for (int i = 0; i < 4; i++)
+        for (int c = 0; c < 3; c++)
+            b[3 * i + c] = sums[18 + 3 * i + c] * m - f[i] * e[c];
+    for (int i = 0, k = 8; i < 4; i++) {
+        for (int j = i; j < 4; j++, k++) {
+            float a = sums[k] * m - f[i] * f[j];
+            if (i == j)
+                a += ridge;
+            for (int t = 0; t < i; t++)
+                a -= lower[j][t] * scaled[i][t];
+            scaled[j][i] = a;
+        }
+        inverse[i] = 1.0f / scaled[i][i];
+        for (int j = i + 1; j < 4; j++)
+            lower[j][i] = scaled[j][i] * inverse[i];
+    }
+    for (int c = 0; c < 3; c++) {
+        for (int i = 1; i < 4; i++)
+            for (int t = 0; t < i; t++)
+                b[3 * i + c] -= lower[i][t] * b[3 * t + c];
+        for (int i = 3; i >= 0; i--) {
+            b[3 * i + c] *= inverse[i];
+            for (int t = i + 1; t < 4; t++)
+                b[3 * i + c] -= lower[t][i] * b[3 * t + c];
+        }
+        b[12 + c] = -(((f[0] * b[c] + f[1] * b[3 + c]) + f[2] * b[6 + c]) + f[3] * b[9 + c]);
+    }
+}
+
+/* A channel of the result after the regression: v before, coefficients b[3 i] at the pixel. */
+LULL_INLINE float lull_regressed(float v, const float *f, const float *b)
+{
+    float k = b[12] + (((f[0] * b[0] + f[1] * b[3]) + f[2] * b[6]) + f[3] * b[9]);
+    k = k > -LULL_MOST_FIT ? k : -LULL_MOST_FIT;
+    return v + v * (k < LULL_MOST_FIT ? k : LULL_MOST_FIT);
+}
+
+/* The cell before the centre between two cells at which pixel i lies, or the next one, of `count`
+ * that there are; and how far it lies on the way from one to the other. */
+LULL_INLINE int lull_fit_near(int i, int next, int count)
+{
+    int cell = (i + (int)LULL_FIT_SIDE / 2) / (int)LULL_FIT_SIDE + next - 1;
+    return cell < 0 ? 0 : cell >= count ? count - 1 : cell;
+}
+LULL_INLINE float lull_fit_part(int i)
+{
+    return ((float)((i + (int)LULL_FIT_SIDE / 2) % (int)LULL_FIT_SIDE) + 0.5f) *
+           (1.0f / LULL_FIT_SIDE);
+}
+
 /* ---- What the result lacks ------------------------------------------------------------------- */
 
 #define LULL_CELL 16u        /* pixels, in either direction */

@@ -32,6 +32,10 @@ static unsigned rows_ready(lull_reads reads, unsigned rows, unsigned height, uns
         return rows / LULL_CELL;
     if (reads == LULL_READS_CELLS)
         return rows > 1 ? LULL_CELL * (rows - 2) + LULL_CELL / 2 : 0;
+    if (reads == LULL_READS_8)
+        return rows / LULL_FIT_SIDE;
+    if (reads == LULL_READS_EIGHTH)
+        return rows ? LULL_FIT_SIDE * rows - LULL_FIT_SIDE / 2 : 0;
     if (reads == LULL_READS_COARSE)
         return rows ? 2 * rows - 1 : 0;
     if (reads == LULL_READS_FINE)
@@ -42,11 +46,15 @@ static unsigned rows_ready(lull_reads reads, unsigned rows, unsigned height, uns
 /* The first row of a source that a layer still needs whose next row (before pooling) is `row`. */
 static unsigned rows_needed(lull_reads reads, unsigned row)
 {
-    static const uint8_t above[] = {0, 1, 2, 4, 1, 0, 0, 2};
+    static const uint8_t above[] = {0, 1, 2, 4, 1, 0, 0, 2, 0, 1};
     if (reads == LULL_READS_CELL)
         row = LULL_CELL * row;
     if (reads == LULL_READS_CELLS)
         row = (row + LULL_CELL / 2) / LULL_CELL;
+    if (reads == LULL_READS_8)
+        row = LULL_FIT_SIDE * row;
+    if (reads == LULL_READS_EIGHTH)
+        row = (row + LULL_FIT_SIDE / 2) / LULL_FIT_SIDE;
     if (reads == LULL_READS_COARSE)
         row = (row + 1) / 2;
     if (reads == LULL_READS_FINE)
@@ -65,7 +73,16 @@ int lull_plan_has(const lull_plan *plan, unsigned tensor)
         return !(~plan->frame.features & 3u);
     if (tensor == LULL_TENSOR_GUIDE)
         return lull_graph_find(graph, LULL_OP_BILATERAL, 0) != LULL_TENSOR_NONE;
+    if (tensor == LULL_TENSOR_NORMAL) /* not as the main image */
+        return plan->frame.features & 4u && plan->frame.features & 3u &&
+               lull_graph_find(graph, LULL_OP_FACE, 0) != LULL_TENSOR_NONE;
     return (int)plan->keeps_rows;
+}
+
+void lull_plan_set_aux(lull_plan *plan, unsigned rows)
+{
+    plan->done[LULL_TENSOR_ALBEDO] = plan->done[LULL_TENSOR_GUIDE] =
+        plan->done[LULL_TENSOR_NORMAL] = rows;
 }
 
 unsigned lull_plan_albedo(const lull_plan *plan)
@@ -158,7 +175,7 @@ static unsigned rows_alive(const lull_plan *plan, unsigned tensor)
 static void grow_ring(lull_plan *plan, unsigned tensor)
 {
     plan->ring[tensor].rows =
-        (uint16_t)lull_max_u(plan->ring[tensor].rows, rows_alive(plan, tensor));
+        lull_max_u(plan->ring[tensor].rows, rows_alive(plan, tensor)) & 0xffffu;
 }
 
 /* Plays the whole frame through and sets the rows of every ring, and the delay. */
@@ -174,15 +191,15 @@ static void play(lull_plan *plan)
         plan->done[0] = lull_min_u(plan->done[0] + plan->row_step, plan->height);
         plan->done[LULL_TENSOR_RADIANCE] = plan->done[0];
         if (plan->keeps_rows)
-            plan->done[LULL_TENSOR_ALBEDO] = plan->done[LULL_TENSOR_GUIDE] = plan->done[0];
+            lull_plan_set_aux(plan, plan->done[0]);
         for (unsigned i = 0; i < LULL_LOADED; i++)
             grow_ring(plan, lull_loaded[i]);
         for (unsigned l = 0; l < graph->layers; l++) {
             if (graph->layer[l].op == LULL_OP_SMOOTH && !plan->keeps_rows) {
-                plan->done[LULL_TENSOR_ALBEDO] = plan->done[LULL_TENSOR_GUIDE] =
-                    lull_plan_albedo(plan);
+                lull_plan_set_aux(plan, lull_plan_albedo(plan));
                 grow_ring(plan, LULL_TENSOR_ALBEDO);
                 grow_ring(plan, LULL_TENSOR_GUIDE);
+                grow_ring(plan, LULL_TENSOR_NORMAL);
             }
             plan->done[l + 1] = lull_plan_turn(plan, l);
             grow_ring(plan, l + 1);
@@ -195,10 +212,8 @@ static void play(lull_plan *plan)
 
 size_t lull_ring_pixel(const lull_ring *ring)
 {
-    return (ring->plane_units ? 1 : ring->channels) * lull_dtype_bytes((lull_dtype)ring->dtype);
+    return (ring->has_planes ? 1u : ring->channels) * lull_dtype_bytes((lull_dtype)ring->dtype);
 }
-
-size_t lull_ring_plane(const lull_ring *ring) { return (size_t)ring->plane_units * LULL_ALIGN; }
 
 size_t lull_plan_pixel(const lull_plan *plan, unsigned tensor)
 {
@@ -209,6 +224,20 @@ size_t lull_plan_pixel(const lull_plan *plan, unsigned tensor)
 size_t lull_ring_left(const lull_ring *ring)
 {
     return lull_align_up(BORDER * lull_ring_pixel(ring), LULL_ALIGN);
+}
+
+size_t lull_plan_plane(const lull_plan *plan, unsigned tensor)
+{
+    return (size_t)plan->plane_units[plan->ring[tensor].level] * LULL_ALIGN;
+}
+
+/* Bytes of a row, or of one of its planes. An odd number of lines: they fall into different cache
+ * sets. */
+static size_t row_bytes(const lull_plan *plan, const lull_ring *ring)
+{
+    size_t columns = (plan->row_width >> ring->level) + BORDER;
+    size_t bytes = lull_ring_left(ring) + ROW_SLACK + lull_ring_pixel(ring) * columns;
+    return lull_align_up(bytes, LULL_ALIGN) | LULL_ALIGN;
 }
 
 /* Pieces, at least `count`, that rows are cut in so that threads can share `rows` of them. Few
@@ -349,21 +378,18 @@ static size_t layout_rings(lull_plan *plan, size_t *total)
             continue;
         if (lull_graph_is_local(graph, t))
             ring->rows = 0;
-        ring->dtype = (uint8_t)lull_graph_dtype(graph, t);
-        ring->channels = (uint16_t)lull_graph_channels(graph, t);
-        ring->level = (uint8_t)lull_graph_level(graph, t);
-        ring->plane_units = planes != 0; /* set below; lull_ring_pixel asks whether it is 0 */
+        ring->dtype = (unsigned)lull_graph_dtype(graph, t) & 3u;
+        ring->channels = lull_graph_channels(graph, t) & 0x7ffu;
+        ring->level = lull_graph_level(graph, t) & 7u;
+        ring->has_planes = planes != 0;
         width = plan->row_width >> ring->level;
-        row = lull_align_up(lull_ring_left(ring) + ROW_SLACK +
-                                lull_ring_pixel(ring) * (width + BORDER),
-                            LULL_ALIGN);
-        row |= LULL_ALIGN; /* an odd number of lines: rows fall into different cache sets */
-        if (planes) {
-            ring->plane_units = (uint16_t)(row / LULL_ALIGN);
+        row = row_bytes(plan, ring);
+        if (planes) { /* of floats */
+            plan->plane_units[ring->level] = (uint16_t)(row / LULL_ALIGN);
             row = row * ring->channels + (size_t)(planes - 1) * lull_align_up(width, LULL_ALIGN);
             row |= LULL_ALIGN;
         }
-        ring->row_units = (uint32_t)(row / LULL_ALIGN);
+        ring->row_units = (uint32_t)(row / LULL_ALIGN) & 0x7fffffffu;
         ring->offset = (uint32_t)(lull_append(total, row * ring->rows) / LULL_ALIGN);
         longest = longest > row || !ring->rows ? longest : row;
     }
@@ -389,6 +415,8 @@ static void layout(lull_plan *plan)
         else if (lull_graph_is_local(graph, l + 1))
             bytes =
                 LULL_SCRATCH_LOCAL + lull_ring_pixel(&plan->ring[l + 1]) * lull_plan_chunk(plan, l);
+        else if (graph->layer[l].op == LULL_OP_FIT_SUMS)
+            bytes = (3 * LULL_BLOCK + LULL_FIT_SUMS * LULL_FIT_BLOCK) * sizeof(float);
         else if (graph->layer[l].pool)
             bytes = 2 * lull_ring_pixel(&plan->ring[l + 1]) * lull_plan_chunk(plan, l);
         if (bytes > plan->scratch_bytes)

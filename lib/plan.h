@@ -14,18 +14,17 @@
 
 /* Rows of a tensor, kept in a ring. A row is `left` bytes of zero border, the pixels, and more
  * zeros; row y is at offset + (y % rows) * row length + left. If the tensor has planes, that is its
- * first plane, and each of the others follows lull_ring_plane bytes later. */
+ * first plane, and each of the others follows lull_plan_plane bytes later. Small: plans are put on
+ * stacks. */
 typedef struct lull_ring {
-    uint32_t offset;    /* in units of LULL_ALIGN bytes */
-    uint32_t row_units; /* length of a row, likewise */
-    uint16_t rows;
-    uint16_t plane_units; /* from plane to plane, likewise; 0: channels are interleaved */
-    uint16_t channels;
-    uint8_t level, dtype; /* lull_dtype */
+    uint32_t offset;         /* in units of LULL_ALIGN bytes */
+    unsigned row_units : 31; /* length of a row, likewise */
+    unsigned has_planes : 1; /* 0: channels are interleaved */
+    unsigned rows : 16;
+    unsigned channels : 11;
+    unsigned level : 3;
+    unsigned dtype : 2; /* lull_dtype */
 } lull_ring;
-
-/* Bytes from plane to plane; 0 if channels are interleaved. */
-size_t lull_ring_plane(const lull_ring *ring);
 
 /* Bytes from pixel to pixel: of all channels, or of one where they are planes. */
 size_t lull_ring_pixel(const lull_ring *ring);
@@ -37,12 +36,14 @@ size_t lull_ring_left(const lull_ring *ring);
 #define LULL_ROWS_IDLE 0xffffffffu
 
 #define LULL_BLOCK 64u /* pixels converted together at the input and output */
+#define LULL_FIT_BLOCK 192u /* columns summed together by cells: enough for CPUs to see streams */
 #define LULL_SCRATCH_LOCAL (LULL_BLOCK * (9 * sizeof(float) + 1))
 
 /* Tensors made of the input images. */
-#define LULL_LOADED 4u
+#define LULL_LOADED 5u
 static const uint8_t lull_loaded[LULL_LOADED] = {LULL_TENSOR_INPUT, LULL_TENSOR_RADIANCE,
-                                                 LULL_TENSOR_ALBEDO, LULL_TENSOR_GUIDE};
+                                                 LULL_TENSOR_ALBEDO, LULL_TENSOR_GUIDE,
+                                                 LULL_TENSOR_NORMAL};
 
 struct lull_plan {
     const lull_model *model;
@@ -63,15 +64,19 @@ struct lull_plan {
                                     * what convolutions need */
     size_t saved; /* columns that an in-place run would overwrite before the next strip reads them
                    */
+    uint16_t plane_units[8]; /* by level: from plane to plane, in units of LULL_ALIGN bytes */
     uint16_t saved_width;
     uint16_t keeps_rows; /* what is made of the images is kept from the input on; else, in family K,
-                          * radiance, albedo and guide are made of images that are read again */
+                          * all but the codes is made of images that are read again */
     /* State of a run: rows made of every tensor, and stored of the output. */
     unsigned stored;
     float scale;
     unsigned done[LULL_TENSORS];
     lull_ring ring[LULL_TENSORS];
 };
+
+/* Bytes from plane to plane of a tensor that has planes. */
+size_t lull_plan_plane(const lull_plan *plan, unsigned tensor);
 
 /* Bytes of all channels of a pixel of a tensor. */
 size_t lull_plan_pixel(const lull_plan *plan, unsigned tensor);
@@ -81,6 +86,9 @@ int lull_plan_has(const lull_plan *plan, unsigned tensor);
 
 /* Rows of albedo that the first layer of the filter needs for its turn, where rows are not kept. */
 unsigned lull_plan_albedo(const lull_plan *plan);
+
+/* Notes that so many rows of albedo, guide and normal are made. */
+void lull_plan_set_aux(lull_plan *plan, unsigned rows);
 
 /* Bands of columns that loops are cut in, so that each thread has the same one in every loop; 1 if
  * there are more threads than few. */

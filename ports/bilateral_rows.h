@@ -1,4 +1,4 @@
-/* Steps 6 and 7 of family K's filter, LANES pixels at a time: products and sums are rounded one by
+/* Steps 6 and 8 of family K's filter, LANES pixels at a time: products and sums are rounded one by
  * one, in the order of the definition (bilateral.h). After filter_rows.h, whose operations it
  * uses, and
  *

@@ -180,6 +180,29 @@ void NAME(spread)(float *out, size_t plane, const float *albedo, unsigned pixels
 #undef BLOCK
 }
 
+/* A number in [-1, 1]; one of the two parts is 0. */
+LULL_INLINE vec sane_normal(vec v)
+{
+    vec positive = above(high(v, set(0.0f)), 0x00800000);
+    vec negative = above(high(sub(set(0.0f), v), set(0.0f)), 0x00800000);
+    return low(high(sub(positive, negative), set(-1.0f)), set(1.0f));
+}
+
+LULL_INLINE void spread_xyz_block(float *out, size_t plane, const float *normal, unsigned n)
+{
+    vec v[3];
+    split(normal, n, &v[0], &v[1], &v[2]);
+    store_n(out, set(1.0f), n);
+    for (unsigned c = 0; c < 3; c++)
+        store_n(out + (1 + c) * plane, sane_normal(v[c]), n);
+}
+
+void NAME(spread_xyz)(float *out, size_t plane, const float *normal, unsigned pixels){
+#define BLOCK(n) spread_xyz_block(out + p, plane, normal + 3 * p, n)
+    FOR_BLOCKS(pixels)
+#undef BLOCK
+}
+
 LULL_INLINE vec demodulated(vec r, vec share, vec confidence, const lull_encoding *from)
 {
     return mul(confidence, mul(sane_radiance(r, from), share));

@@ -12,7 +12,7 @@ PORT_GROUPS := SCALAR AVX2 AVX512 AVXVNNI VNNI AMX NEON DOTPROD I8MM
 PORT_SCALAR_ARCH := any
 PORT_SCALAR_SOURCES := ports/scalar/port_scalar.c ports/scalar/conv_f32_scalar.c \
                        ports/scalar/conv_int_scalar.c ports/scalar/pool_scalar.c ports/scalar/filter5_scalar.c \
-                       ports/scalar/filter_scalar.c ports/scalar/winograd_scalar.c ports/scalar/patches_scalar.c \
+                       ports/scalar/filter_scalar.c ports/scalar/regression_scalar.c ports/scalar/winograd_scalar.c ports/scalar/patches_scalar.c \
                        ports/scalar/curves_scalar.c
 
 PORT_AVX2_ARCH := x86

@@ -14,11 +14,11 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from export.kernel import SMOOTH_AND_CORRECT
+from export.kernel import LAST_STEPS
 from export.smooth import (BALANCE_EPS, CELL, FAR_OFFSETS, GUIDE_GAIN, MOST_GAIN, MOST_LACKING,
                            NOISE_EPS, NOISE_GAIN, NOISE_SHARE, OFFSETS, RESULT_GAIN, SPARK,
                            SPARKS_LEAST, SPARKS_SQUARED, WIDTH_MAX, WIDTH_MIN, WIDTH_PER_CODE)
-from training import fused
+from training import fused, regression
 
 SIDE, RADIUS, TAPS = 5, 2, 25
 LEVELS = 5
@@ -155,16 +155,21 @@ def divisor(q: Tensor, albedo: Tensor, has_albedo: Tensor, whole: bool) -> Tenso
 
 
 def smooth_result(out: Tensor, smooth: Tensor, noise: Tensor, radiance: Tensor, codes: Tensor,
-                  bilateral: int) -> Tensor:
-    """The result of apply_filter after the last steps, [N,3,H,W]; gradients pass by `out` alone.
+                  normal: Tensor, head: Tensor, bilateral: int) -> Tensor:
+    """The result of apply_filter after the last steps, [N,3,H,W]; gradients pass by `out`, and by
+    the kernel of the albedo in `head`, which filters the normal, too.
 
-    codes: the network's input, whole numbers of 0..255, [N,12,H,W]; bilateral: a value of
-    export.kernel.BILATERAL.
+    codes: the network's input, whole numbers of 0..255, [N,12,H,W]; normal: 0 where there is none,
+    [N,3,H,W]; head: that of level 0; bilateral: a value of export.kernel.BILATERAL.
     """
-    corrects = bilateral == SMOOTH_AND_CORRECT
-    v = smoothed(out / smooth, noise, guide_of(codes), corrects)
-    if corrects:  # but not what is clipped
-        radiance = radiance.clamp(0.0, RADIANCE_MAX)
+    steps = LAST_STEPS[bilateral]
+    radiance = radiance.clamp(0.0, RADIANCE_MAX)
+    v = smoothed(out / smooth, noise, guide_of(codes), steps.corrects)
+    if steps.regresses:
+        s = weighted_sums(head[:, -TAPS:], torch.cat((torch.ones_like(noise), normal), 1), True)
+        features = regression.features_of(s[:, 1:] / s[:, :1], smooth)
+        v = regression.regressed(v, smooth, features, radiance)
+    if steps.corrects:  # but not what is clipped
         v = torch.where(codes[:, 11:12] > 0, v, corrected(v, smooth, noise, radiance))
     return v * smooth
 

@@ -63,7 +63,8 @@ def run(trunk: Callable[[Tensor], list[Tensor]], transfer: str, x: Tensor,
     out, smooth, noise = apply_filter(heads, radiance, x[:, 3:6], x[:, 9:10])
     if bilateral:
         codes = (codes.to(x.dtype) * 255.0).round()
-        out = smooth_result(out, smooth, noise, radiance, codes, bilateral)
+        normal = (2.0 * x[:, 6:9] - 1.0) * x[:, 10:11]
+        out = smooth_result(out, smooth, noise, radiance, codes, normal, heads[0], bilateral)
     return to_codes(transfer, out, LOWEST, color.HDR_MAX)
 
 

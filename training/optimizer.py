@@ -59,12 +59,12 @@ def orthogonal(m: Tensor) -> Tensor:
 
 
 class Muon(torch.optim.Optimizer):
-    """Nesterov's momentum of matrices, made orthogonal. On CUDA its steps are a graph: they are
+    """Nesterov's momentum of matrices, made orthogonal. On CUDA its steps may be a graph: they are
     some thirty small kernels for each matrix, which take longer to launch than to run."""
 
-    def __init__(self, matrices: Iterable[Tensor], rate: float):
+    def __init__(self, matrices: Iterable[Tensor], rate: float, as_graph: bool = False):
         super().__init__(matrices, {"lr": rate})
-        self.recorded = None
+        self.as_graph, self.recorded = as_graph, None
 
     @torch.no_grad()
     def step(self) -> None:
@@ -75,7 +75,7 @@ class Muon(torch.optim.Optimizer):
                 self.state[p]["momentum"] = torch.zeros_like(p)
         momenta = [self.state[p]["momentum"] for p in matrices]
         grads = [p.grad for p in matrices]
-        if group["params"][0].device.type == "cuda" and len(matrices) == len(group["params"]):
+        if self.as_graph and len(matrices) == len(group["params"]):
             self.recorded = self.recorded or Recorded(matrices, momenta)
             self.recorded(grads, group["lr"])
         else:
@@ -120,16 +120,19 @@ class Recorded:
 
 
 class Optimizer:
-    """One or two optimisers that take their steps together."""
+    """One or two optimisers that take their steps together.
 
-    def __init__(self, params: Iterable[Tensor], rate: float, kind: str = "adam"):
+    as_graph: Muon's is a CUDA graph, for parameters that are there."""
+
+    def __init__(self, params: Iterable[Tensor], rate: float, kind: str = "adam",
+                 as_graph: bool = False):
         self.params = list(params)
         self.kernels = [p for p in self.params if kind == "muon" and is_matrix(p)]
         chosen = {id(p) for p in self.kernels}
         self.matrices = [as_matrix(p, p) for p in self.kernels]
         self.parts = [adam([p for p in self.params if id(p) not in chosen], rate)]
         if self.matrices:
-            self.parts.append(Muon(self.matrices, rate))
+            self.parts.append(Muon(self.matrices, rate, as_graph))
 
     def schedule(self, rate: float, beta1: float | None = None) -> None:
         """Learning rate and Adam's momentum of the steps to come."""

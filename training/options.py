@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from export.kernel import LAST_STEPS
 from training.loss import LOSSES
 from training.optimizer import KINDS as OPTIMIZERS
 from training.scan import FEATURES
@@ -125,8 +126,8 @@ OPTIONS = (
     _o("--defocus", "TL", 0.0, "share of hdr tiles of few samples out of focus", **FLOAT),
     _o("--drop_features", "TL", None, "family K: share of tiles without all features", **FLOAT),
     _o("--clip", "TL", None, "family K: share of tiles clipped like LDR images", **FLOAT),
-    _o("--bilateral", "T", 0, "family K: train through the last steps, 1: both, 2: smoothing",
-       choices=(0, 1, 2), **INT),
+    _o("--bilateral", "T", 0, "family K: train through the last steps, see export.bilateral",
+       choices=(0, *LAST_STEPS), **INT),
     _o("--metric -M", "IQ", ["psnr", "ssim"], "metrics", nargs="*", choices=METRICS),
     _o("--input_data -i", "ID", {"I": "test", "D": "train"}, "raw data set to read"),
     _o("--output_dir -O", "I", "infer", "folder of denoised images"),

@@ -163,10 +163,14 @@ def loader(batches, steps: range, settings: Settings, team: Team) -> Iterable:
         pin_memory=team.device.type == "cuda")
 
 
+def uses_graphs(settings: Settings, team: Team) -> bool:
+    """Whether what is repeated is recorded as CUDA graphs."""
+    return settings.get("compile") in (None, "graphs") and team.device.type == "cuda"
+
+
 def compiled(model: torch.nn.Module, settings: Settings, team: Team) -> Callable:
-    default = "graphs" if team.device.type == "cuda" else "disable"
-    mode = settings.get("compile") or default
-    if mode == "graphs":
+    mode = settings.get("compile") or "disable"
+    if mode == "graphs" or uses_graphs(settings, team):
         return Graphs(model, settings, team)
     return model if mode == "disable" else torch.compile(model, mode=mode)
 

@@ -101,7 +101,8 @@ def worker(settings: Settings, team: parallel.Team) -> None:
             say(f"Channels that {settings.init} lacks: {', '.join(added)}")
     params = list(model.parameters())
     ema = [p.detach().clone() for p in params] if settings.ema > 0 else []
-    optimizer = Optimizer(params, settings.learning_rate, settings.optimizer)
+    optimizer = Optimizer(params, settings.learning_rate, settings.optimizer,
+                          as_graph=parallel.uses_graphs(settings, team))
     loss_of = loss_of_settings(settings)
     teacher = Teacher(settings, team.device) if settings.get("teacher") else None
     run = parallel.compiled(model, settings, team)

@@ -33,7 +33,7 @@ static shape shape_of(const lull_cl_schedule *s, unsigned tensor)
     unsigned level = tensor < LULL_TENSORS ? lull_graph_level(s->graph, tensor)
                      : tensor == LULL_CL_GAINS ? LULL_CELL_LEVEL
                                                : 0;
-    shape of = {16, padded(s->width, level), padded(s->height, level), 0};
+    shape of = {0, padded(s->width, level), padded(s->height, level), 0};
 
     if (tensor >= LULL_TENSORS) {
         of.pixel = pixels[tensor - LULL_TENSORS];
@@ -41,7 +41,9 @@ static shape shape_of(const lull_cl_schedule *s, unsigned tensor)
         of.pixel = 12;
     } else if (tensor == LULL_TENSOR_GUIDE && s->graph->family == LULL_FAMILY_K) {
         of.pixel = 2;
-    } else if (element(s->graph, tensor) < 4) { /* codes */
+    } else if (element(s->graph, tensor) == 4) { /* floats, in groups of four */
+        of.pixel = (uint32_t)lull_align_up((size_t)lull_graph_channels(s->graph, tensor) * 4, 16);
+    } else { /* codes */
         of.pixel = (uint32_t)lull_align_up(
             lull_graph_channels(s->graph, tensor) * element(s->graph, tensor), 4);
         of.border = LULL_CL_BORDER;
@@ -218,13 +220,39 @@ static void add_conv(lull_cl_schedule *s, unsigned l)
               (args->outputs + LULL_CL_BLOCK - 1) / LULL_CL_BLOCK);
 }
 
+/* 1 if a layer has nothing to work on: without normals none are filtered, and with neither normals
+ * nor albedo there is no regression. */
+static int is_left_out(const lull_cl_schedule *s, const lull_layer *layer)
+{
+    if (layer->op == LULL_OP_FACE)
+        return !(s->flags & LULL_CL_NORMAL);
+    return (layer->op == LULL_OP_FIT_SUMS || layer->op == LULL_OP_FIT ||
+            layer->op == LULL_OP_REGRESS) &&
+           !(s->flags & (LULL_CL_ALBEDO | LULL_CL_NORMAL));
+}
+
+/* The tensor that stands for another, mostly itself: where there is no regression the result before
+ * it for its result; for others that are left out, none. */
+static uint8_t stand_in(const lull_cl_schedule *s, uint8_t tensor)
+{
+    const lull_layer *layer;
+
+    if (tensor < 1 || tensor > s->graph->layers)
+        return tensor;
+    layer = &s->graph->layer[tensor - 1];
+    if (!is_left_out(s, layer))
+        return tensor;
+    return layer->op == LULL_OP_REGRESS ? layer->source[0] : CL_NONE;
+}
+
 /* What the kernel of a layer of the filter reads. */
 static void filter_sources(uint8_t sources[LULL_CL_SOURCES], const lull_cl_schedule *s, unsigned l)
 {
     const lull_layer *layer = &s->graph->layer[l];
+    unsigned i;
 
-    memcpy(sources, layer->source, LULL_MAX_SOURCES);
-    sources[3] = CL_NONE;
+    for (i = 0; i < LULL_CL_SOURCES; i++)
+        sources[i] = i < LULL_MAX_SOURCES ? stand_in(s, layer->source[i]) : CL_NONE;
     if (layer->op == LULL_OP_SMOOTH && !(s->flags & LULL_CL_ALBEDO))
         sources[0] = CL_NONE;
     if (layer->op == LULL_OP_BILATERAL || layer->op == LULL_OP_CORRECT ||
@@ -244,6 +272,7 @@ static uint32_t first_code(const lull_graph *graph, const lull_layer *layer)
 {
     switch (layer->op) {
     case LULL_OP_SMOOTH:
+    case LULL_OP_FACE:
         return LULL_HEAD_ALBEDO - graph->layer[layer->source[1] - 1].first;
     case LULL_OP_DEMODULATE:
         return LULL_HEAD_CONFIDENCE - graph->layer[layer->source[2] - 1].first;
@@ -254,15 +283,19 @@ static uint32_t first_code(const lull_graph *graph, const lull_layer *layer)
     }
 }
 
-/* A layer of the filter. */
+/* A layer of the filter, unless it is left out. */
 static void add_layer(lull_cl_schedule *s, unsigned l)
 {
     static const uint8_t kernels[] = {[LULL_OP_SMOOTH] = LULL_CL_smooth,
+                                      [LULL_OP_FACE] = LULL_CL_face,
                                       [LULL_OP_DEMODULATE] = LULL_CL_demodulate,
                                       [LULL_OP_POOL] = LULL_CL_shrink,
                                       [LULL_OP_FILTER] = LULL_CL_filter,
                                       [LULL_OP_BLEND] = LULL_CL_blend,
                                       [LULL_OP_BILATERAL] = LULL_CL_bilateral,
+                                      [LULL_OP_FIT_SUMS] = LULL_CL_fit_sums,
+                                      [LULL_OP_FIT] = LULL_CL_fit,
+                                      [LULL_OP_REGRESS] = LULL_CL_regress,
                                       [LULL_OP_RESIDUAL] = LULL_CL_residual,
                                       [LULL_OP_CORRECT] = LULL_CL_correct};
     const lull_layer *layer = &s->graph->layer[l];
@@ -271,6 +304,8 @@ static void add_layer(lull_cl_schedule *s, unsigned l)
     lull_cl_filter *args;
     lull_cl_step *step;
 
+    if (is_left_out(s, layer))
+        return;
     if (layer->op == LULL_OP_CORRECT)
         add_filter(s, LULL_CL_gains, LULL_CL_GAINS, LULL_CELL_LEVEL, sums);
     filter_sources(sources, s, l);
@@ -285,7 +320,8 @@ static void add_layer(lull_cl_schedule *s, unsigned l)
         args->inside_width = inside(s->width, layer->level + 1u);
         args->inside_height = inside(s->height, layer->level + 1u);
     }
-    if (layer->op == LULL_OP_RESIDUAL) { /* a work item for each column of pixels */
+    if (layer->op == LULL_OP_RESIDUAL || layer->op == LULL_OP_FIT_SUMS) {
+        /* a work item for each column of pixels */
         args->inside_width = s->width;
         args->inside_height = s->height;
         set_items(step, padded(s->width, 0), args->height, 1);
@@ -299,12 +335,15 @@ static void add_inputs(lull_cl_schedule *s)
     const uint8_t normal = s->flags & LULL_CL_NORMAL ? LULL_CL_IMAGE_NORMAL : CL_NONE;
     const uint8_t all[LULL_CL_SOURCES] = {LULL_TENSOR_RADIANCE, albedo, normal, CL_NONE};
     const uint8_t aux[LULL_CL_SOURCES] = {albedo, normal, CL_NONE, CL_NONE};
+    const uint8_t facing[LULL_CL_SOURCES] = {normal, CL_NONE, CL_NONE, CL_NONE};
     lull_cl_step *step = add_filter(s, LULL_CL_encode, LULL_TENSOR_INPUT, 0, all);
 
     set_items(step, step->args.filter.width + 2 * LULL_CL_BORDER,
               step->args.filter.height + 2 * LULL_CL_BORDER, 1);
     if (s->flags & LULL_CL_ALBEDO)
         add_filter(s, LULL_CL_spread, LULL_TENSOR_ALBEDO, 0, aux);
+    if (s->flags & LULL_CL_NORMAL && lull_graph_find(s->graph, LULL_OP_FACE, 0) != CL_NONE)
+        add_filter(s, LULL_CL_spread_normal, LULL_TENSOR_NORMAL, 0, facing);
     if (lull_graph_find(s->graph, LULL_OP_BILATERAL, 0) != CL_NONE)
         add_filter(s, LULL_CL_guide, LULL_TENSOR_GUIDE, 0, aux);
 }
@@ -313,8 +352,8 @@ void lull_cl_schedule_make(lull_cl_schedule *s, unsigned width, unsigned height)
 {
     const lull_graph *graph = s->graph;
     const uint8_t result[LULL_CL_SOURCES] = {
-        (uint8_t)graph->layers, (uint8_t)lull_graph_find(graph, LULL_OP_SMOOTH, 0), CL_NONE,
-        CL_NONE};
+        stand_in(s, (uint8_t)graph->layers),
+        (uint8_t)lull_graph_find(graph, LULL_OP_SMOOTH, 0), CL_NONE, CL_NONE};
     unsigned l, i, k;
 
     s->width = (int32_t)width;

@@ -167,8 +167,15 @@ LULL_INLINE ivec squares_of_pairs(ivec a, ivec b)
     return vreinterpretq_s32_u32(vpaddlq_u16(vreinterpretq_u16_s16(vmulq_s16(d, d))));
 }
 
+LULL_INLINE void around(const float *p, vec *before, vec *after)
+{
+    *before = vdupq_n_f32(p[0]);
+    *after = vdupq_n_f32(p[1]);
+}
+
 #include "../filter_rows.h"
 
 #include "../bilateral_rows.h"
+#include "../regression_rows.h"
 
 #endif

@@ -15,12 +15,16 @@ void lull_port_neon(lull_kernels *kernels)
     kernels->filter5 = lull_filter5_neon;
     kernels->encode = lull_encode_neon;
     kernels->spread = lull_spread_neon;
+    kernels->spread_xyz = lull_spread_xyz_neon;
     kernels->guide = lull_guide_neon;
     kernels->demodulate = lull_demodulate_neon;
     kernels->shrink = lull_shrink_neon;
     kernels->blend = lull_blend_neon;
     kernels->noise = lull_noise_neon;
     kernels->bilateral = lull_bilateral_neon;
+    kernels->fit_sums = lull_fit_sums_neon;
+    kernels->fit = lull_fit_neon;
+    kernels->regress = lull_regress_neon;
     kernels->residual = lull_residual_neon;
     kernels->modulate = lull_modulate_neon;
     kernels->luminance = lull_luminance_neon;

@@ -1,4 +1,4 @@
-/* The filter of family K, steps 1 to 5 and 8 (docs/kernel-prediction.md). Tensors of float4: of
+/* The filter of family K, steps 1 to 5 and 9 (docs/kernel-prediction.md). Tensors of float4: of
  * radiance with confidence (C, C r, C g, C b), of results (r, g, b, unused). */
 
 /* Sums of the 25 taps of a 5x5 kernel over a tensor of width x height pixels, whose logits are
@@ -34,6 +34,19 @@ KERNEL_OF_PIXELS smooth(__global uchar *memory, __global const uchar *model, lul
                        x, y),
                   LULL_FILTER_EPSILON, 1.0f);
     *floats_at(memory, a.out, x, y) = v;
+}
+
+/* out: filtered normal, which the regression wants (result.cl); sources: (1, normal), head. */
+KERNEL_OF_PIXELS face(__global uchar *memory, __global const uchar *model, lull_cl_filter a)
+{
+    int x = get_global_id(0), y = get_global_id(1);
+    if (x >= a.width || y >= a.height)
+        return;
+    *floats_at(memory, a.out, x, y) =
+        mean5(sum5(memory, a.source[0], a.width, a.height,
+                   bytes_at(memory, a.source[1], x, y) + a.code, (__global const float *)model, x,
+                   y),
+              0.0f, 0.0f);
 }
 
 /* out: radiance with confidence, zeros outside the image; sources: radiance, filtered albedo,

@@ -1,5 +1,6 @@
-/* What is made of the images before the network and the filter: codes, albedo, guide. Images are
- * given as the host loads them: the main one sanitised and exposed, the others as they are. */
+/* What is made of the images before the network and the filter: codes, albedo, normal, guide.
+ * Images are given as the host loads them: the main one sanitised and exposed, the others as they
+ * are. */
 
 /* Pixel (x, y) of the main image. */
 static void get_radiance(float *r, __global uchar *memory, lull_cl_tensor image, int x, int y)
@@ -56,18 +57,38 @@ KERNEL_OF_PIXELS encode(__global uchar *memory, __global const uchar *model, lul
                      a.flags & LULL_CL_NORMAL ? 255 : 0, a.flags & LULL_CL_CLIPPED ? 255 : 0);
 }
 
+/* 1 if (x, y) is inside the image; if not, puts zeros there, where there is padding. */
+static int is_inside(__global uchar *memory, const lull_cl_filter *a, int x, int y)
+{
+    if (x < a->inside_width && y < a->inside_height)
+        return 1;
+    if (x < a->width && y < a->height)
+        *floats_at(memory, a->out, x, y) = (float4)(0.0f);
+    return 0;
+}
+
 /* out: (1, albedo), zeros outside the image; source: albedo. */
 KERNEL_OF_PIXELS spread(__global uchar *memory, __global const uchar *model, lull_cl_filter a)
 {
     int x = get_global_id(0), y = get_global_id(1);
     float v[3];
-    if (x >= a.width || y >= a.height)
+    if (!is_inside(memory, &a, x, y))
         return;
-    if (x >= a.inside_width || y >= a.inside_height) {
-        *floats_at(memory, a.out, x, y) = (float4)(0.0f);
-        return;
-    }
     get_albedo(v, memory, a.source[0], x, y);
+    *floats_at(memory, a.out, x, y) = (float4)(1.0f, v[0], v[1], v[2]);
+}
+
+/* out: (1, normal), zeros outside the image; source: normal. */
+KERNEL_OF_PIXELS spread_normal(__global uchar *memory, __global const uchar *model,
+                               lull_cl_filter a)
+{
+    int x = get_global_id(0), y = get_global_id(1);
+    float v[3];
+    if (!is_inside(memory, &a, x, y))
+        return;
+    get_pixel(v, pixel_at(memory, a.source[0], x, y));
+    for (int c = 0; c < 3; c++)
+        v[c] = lull_sane(v[c], 1.0f, -1.0f, 1.0f);
     *floats_at(memory, a.out, x, y) = (float4)(1.0f, v[0], v[1], v[2]);
 }
 

@@ -1,5 +1,7 @@
-/* Steps 6 and 7 of the filter of family K: smoothing along the result, and what the result lacks
- * (docs/kernel-prediction.md, lib/bilateral.h). */
+/* Steps 6 to 8 of the filter of family K: smoothing along the result, regression on normals and
+ * albedo, and what the result lacks (docs/kernel-prediction.md, lib/bilateral.h, lib/pixels.h). */
+
+/* ---- Smoothing along the result -------------------------------------------------------------- */
 
 static int noise_at(__global uchar *memory, const lull_cl_filter *a, int x, int y)
 {
@@ -41,7 +43,120 @@ KERNEL_OF_PIXELS bilateral(__global uchar *memory, __global const uchar *model, 
     *floats_at(memory, a.out, x, y) = make4(v, 0.0f);
 }
 
-/* out: sums of cells; sources: smoothed result, radiance, filtered albedo, noise. A group makes a
+/* ---- Regression ------------------------------------------------------------------------------ */
+
+/* Features and divisor of a pixel; of `regress` and `fit_sums`, whose sources 1 and 2 are filtered
+ * albedo and normal. Without normals there is no second. */
+static void get_features(float *f, float *smooth, __global uchar *memory, const lull_cl_filter *a,
+                         int x, int y)
+{
+    float normal[3] = {0.0f, 0.0f, 0.0f};
+    get3(smooth, *floats_at(memory, a->source[1], x, y));
+    if (a->flags & LULL_CL_NORMAL)
+        get3(normal, *floats_at(memory, a->source[2], x, y));
+    lull_fit_features(f, normal, smooth);
+}
+
+/* out: LULL_FIT_SUMS sums of cells; sources: smoothed result, filtered albedo and normal, radiance.
+ * A work item makes a column of a cell, a group two cells beside each other in four rows of them.
+ * The odd count of sums lets a group's items add without meeting in the banks of local memory. */
+KERNEL_OF_PIXELS fit_sums(__global uchar *memory, __global const uchar *model, lull_cl_filter a)
+{
+    __local float column[LULL_CL_LOCAL_X * LULL_CL_LOCAL_Y][LULL_FIT_SUMS];
+    int x = get_global_id(0), cell = get_global_id(1), y = cell * (int)LULL_FIT_SIDE;
+    int i = get_local_id(1) * LULL_CL_LOCAL_X + get_local_id(0), within = x % (int)LULL_FIT_SIDE;
+    int end = x < a.inside_width ? min(y + (int)LULL_FIT_SIDE, a.inside_height) : 0;
+    float sum[LULL_FIT_SUMS];
+    for (uint k = 0; k < LULL_FIT_SUMS; k++)
+        sum[k] = 0.0f;
+    for (; y < end; y++) {
+        float p[3], smooth[3], r[3], f[LULL_FIT_FEATURES], products[LULL_FIT_SUMS];
+        get_features(f, smooth, memory, &a, x, y);
+        get3(p, *floats_at(memory, a.source[0], x, y));
+        get_radiance(r, memory, a.source[3], x, y);
+        for (int c = 0; c < 3; c++)
+            p[c] *= smooth[c];
+        lull_fit_products(products, p, r, f);
+        for (uint k = 0; k < LULL_FIT_SUMS; k++)
+            sum[k] += products[k];
+    }
+    for (uint k = 0; k < LULL_FIT_SUMS; k++)
+        column[i][k] = sum[k];
+    for (int columns = LULL_FIT_SIDE / 2; columns; columns /= 2) {
+        barrier(CLK_LOCAL_MEM_FENCE);
+        if (within < columns)
+            for (uint k = 0; k < LULL_FIT_SUMS; k++)
+                column[i][k] += column[i + columns][k];
+    }
+    if (within == 0 && cell < a.height)
+        for (uint k = 0; k < LULL_FIT_SUMS; k++)
+            pixel_at(memory, a.out, x / (int)LULL_FIT_SIDE, cell)[k] = column[i][k];
+}
+
+/* Sum k of a cell; 0 outside the image. */
+static float fit_sum_at(__global uchar *memory, const lull_cl_filter *a, int x, int y, uint k)
+{
+    return x >= 0 && x < a->inside_width && y >= 0 && y < a->inside_height
+               ? pixel_at(memory, a->source[0], x, y)[k]
+               : 0.0f;
+}
+
+/* out: 16 floats a cell: the coefficients of it and those around it, and one unused; source: sums
+ * of cells. */
+KERNEL_OF_PIXELS fit(__global uchar *memory, __global const uchar *model, lull_cl_filter a)
+{
+    int x = get_global_id(0), y = get_global_id(1);
+    float sum[LULL_FIT_SUMS], b[LULL_FIT_COEFFICIENTS + 1];
+    if (x >= a.inside_width || y >= a.inside_height)
+        return;
+    for (uint k = 0; k < LULL_FIT_SUMS; k++) {
+        float down[3];
+        for (int dx = 0; dx < 3; dx++)
+            down[dx] = (fit_sum_at(memory, &a, x + dx - 1, y - 1, k) +
+                        fit_sum_at(memory, &a, x + dx - 1, y + 1, k)) +
+                       2.0f * fit_sum_at(memory, &a, x + dx - 1, y, k);
+        sum[k] = (down[0] + down[2]) + 2.0f * down[1];
+    }
+    lull_fit(b, sum);
+    b[LULL_FIT_COEFFICIENTS] = 0.0f;
+    vstore16(vload16(0, b), 0, pixel_at(memory, a.out, x, y));
+}
+
+/* The coefficients of a column of cells between two rows of them. */
+static float16 fit_at(__global uchar *memory, lull_cl_tensor fits, int x, int above, int below,
+                      float part)
+{
+    float16 first = vload16(0, pixel_at(memory, fits, x, above));
+    return first + part * (vload16(0, pixel_at(memory, fits, x, below)) - first);
+}
+
+/* out: the result with what the regression adds; sources: smoothed result, filtered albedo and
+ * normal, coefficients of cells. */
+KERNEL_OF_PIXELS regress(__global uchar *memory, __global const uchar *model, lull_cl_filter a)
+{
+    int x = get_global_id(0), y = get_global_id(1);
+    int across = (a.inside_width + (int)LULL_FIT_SIDE - 1) / (int)LULL_FIT_SIDE;
+    int down = (a.inside_height + (int)LULL_FIT_SIDE - 1) / (int)LULL_FIT_SIDE;
+    int above = lull_fit_near(y, 0, down), below = lull_fit_near(y, 1, down);
+    float v[3], smooth[3], f[LULL_FIT_FEATURES], b[LULL_FIT_COEFFICIENTS + 1];
+    float16 before, after;
+    if (x >= a.inside_width || y >= a.inside_height)
+        return;
+    before = fit_at(memory, a.source[3], lull_fit_near(x, 0, across), above, below,
+                    lull_fit_part(y));
+    after = fit_at(memory, a.source[3], lull_fit_near(x, 1, across), above, below,
+                   lull_fit_part(y));
+    vstore16(before + lull_fit_part(x) * (after - before), 0, b);
+    get_features(f, smooth, memory, &a, x, y);
+    get3(v, *floats_at(memory, a.source[0], x, y));
+    for (int c = 0; c < 3; c++)
+        v[c] = lull_regressed(v[c], f, b + c);
+    *floats_at(memory, a.out, x, y) = make4(v, 0.0f);
+}
+
+/* ---- What the result lacks ------------------------------------------------------------------- */
+
+/* out: sums of cells; sources: result, radiance, filtered albedo, noise. A group makes a
  * cell, each work item a column of it. */
 KERNEL(LULL_CELL, 1) residual(__global uchar *memory, __global const uchar *model, lull_cl_filter a)
 {
@@ -101,7 +216,7 @@ static float gain_at(__global uchar *memory, lull_cl_tensor gains, int x, int ab
     return first + part * (*pixel_at(memory, gains, x, below) - first);
 }
 
-/* out: corrected result; sources: smoothed result, gains, noise. */
+/* out: corrected result; sources: result, gains, noise. */
 KERNEL_OF_PIXELS correct(__global uchar *memory, __global const uchar *model, lull_cl_filter a)
 {
     int x = get_global_id(0), y = get_global_id(1);

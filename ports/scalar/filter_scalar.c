@@ -60,6 +60,15 @@ void lull_spread_scalar(float *out, size_t plane, const float *albedo, unsigned 
     }
 }
 
+void lull_spread_xyz_scalar(float *out, size_t plane, const float *normal, unsigned pixels)
+{
+    for (size_t i = 0; i < pixels; i++, normal += 3) {
+        out[i] = 1.0f;
+        for (size_t c = 0; c < 3; c++)
+            out[(1 + c) * plane + i] = lull_sane(normal[c], 1.0f, -1.0f, 1.0f);
+    }
+}
+
 void lull_demodulate_scalar(float *out, size_t plane, const lull_encoding *from,
                             const float *smooth, size_t smooth_plane, const uint8_t *codes,
                             size_t code_step, const float *table, unsigned pixels)

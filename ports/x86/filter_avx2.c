@@ -204,7 +204,15 @@ LULL_INLINE ivec squares_of_pairs(ivec a, ivec b)
     return _mm256_maddubs_epi16(a, a);
 }
 
+LULL_INLINE void around(const float *p, vec *before, vec *after)
+{
+    __m128 middle = _mm_broadcast_ss(p + 1);
+    *before = _mm256_set_m128(middle, _mm_broadcast_ss(p));
+    *after = _mm256_set_m128(_mm_broadcast_ss(p + 2), middle);
+}
+
 #include "../filter_rows.h"
 
 #include "../bilateral_rows.h"
+#include "../regression_rows.h"
 #include "filter5_rows.h"

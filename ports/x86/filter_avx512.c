@@ -177,7 +177,16 @@ LULL_INLINE ivec squares_of_pairs(ivec a, ivec b)
     return _mm512_maddubs_epi16(a, a);
 }
 
+LULL_INLINE void around(const float *p, vec *before, vec *after)
+{
+    const ivec lanes = _mm512_setr_epi32(0, 0, 0, 0, 1, 1, 1, 1, 1, 1, 1, 1, 2, 2, 2, 2);
+    vec v = _mm512_broadcast_f32x4(_mm_loadu_ps(p));
+    *before = _mm512_permutexvar_ps(lanes, v);
+    *after = _mm512_permutexvar_ps(_mm512_add_epi32(lanes, set_int(1)), v);
+}
+
 #include "../filter_rows.h"
 
 #include "../bilateral_rows.h"
+#include "../regression_rows.h"
 #include "filter5_rows.h"

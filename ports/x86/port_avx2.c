@@ -20,12 +20,16 @@ void lull_port_avx2(lull_kernels *kernels)
     kernels->filter5 = lull_filter5_avx2;
     kernels->encode = lull_encode_avx2;
     kernels->spread = lull_spread_avx2;
+    kernels->spread_xyz = lull_spread_xyz_avx2;
     kernels->guide = lull_guide_avx2;
     kernels->demodulate = lull_demodulate_avx2;
     kernels->shrink = lull_shrink_avx2;
     kernels->blend = lull_blend_avx2;
     kernels->noise = lull_noise_avx2;
     kernels->bilateral = lull_bilateral_avx2;
+    kernels->fit_sums = lull_fit_sums_avx2;
+    kernels->fit = lull_fit_avx2;
+    kernels->regress = lull_regress_avx2;
     kernels->residual = lull_residual_avx2;
     kernels->modulate = lull_modulate_avx2;
     kernels->luminance = lull_luminance_avx2;

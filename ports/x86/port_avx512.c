@@ -21,12 +21,16 @@ void lull_port_avx512(lull_kernels *kernels)
     kernels->filter5 = lull_filter5_avx512;
     kernels->encode = lull_encode_avx512;
     kernels->spread = lull_spread_avx512;
+    kernels->spread_xyz = lull_spread_xyz_avx512;
     kernels->guide = lull_guide_avx512;
     kernels->demodulate = lull_demodulate_avx512;
     kernels->shrink = lull_shrink_avx512;
     kernels->blend = lull_blend_avx512;
     kernels->noise = lull_noise_avx512;
     kernels->bilateral = lull_bilateral_avx512;
+    kernels->fit_sums = lull_fit_sums_avx512;
+    kernels->fit = lull_fit_avx512;
+    kernels->regress = lull_regress_avx512;
     kernels->residual = lull_residual_avx512;
     kernels->modulate = lull_modulate_avx512;
     kernels->luminance = lull_luminance_avx512;

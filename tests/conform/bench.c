@@ -429,6 +429,33 @@ static void run_residual(const lull_kernels *k)
     k->residual(&b, &from);
 }
 
+static void run_fit_sums(const lull_kernels *k)
+{
+    lull_encoding from = {floats, NULL, NULL, 1.0f, 65504.0f, 0};
+    lull_fitting at = {floats + 256 * PIXELS, floats + 64 * PIXELS, floats + 128 * PIXELS,
+                       floats + 192 * PIXELS, PIXELS + 16, PLANE, PLANE, PLANE, PIXELS};
+    k->fit_sums(&at, &from);
+}
+
+/* As many cells as elsewhere pixels. */
+static void run_fit(const lull_kernels *k)
+{
+    const float *const row = floats + 64 * PIXELS + 1, *const rows[] = {row, row, row};
+    k->fit(floats, PIXELS, rows, PIXELS + 16, PIXELS);
+}
+
+static void run_regress(const lull_kernels *k)
+{
+    lull_regression r = {floats, floats + 64 * PIXELS, floats + 128 * PIXELS, floats + 192 * PIXELS,
+                         floats + 256 * PIXELS, PLANE, PLANE, PLANE, PLANE, PIXELS / 4, PIXELS};
+    k->regress(&r);
+}
+
+static void run_spread_xyz(const lull_kernels *k)
+{
+    k->spread_xyz(floats, PLANE, floats + 64 * PIXELS, PIXELS);
+}
+
 static void run_spread(const lull_kernels *k)
 {
     k->spread(floats, PLANE, floats + 64 * PIXELS, PIXELS);
@@ -500,9 +527,13 @@ static unsigned bench_pixels(const char *port, const lull_kernels *kernels,
     BENCH(shrink, "3 channels")
     BENCH(blend, "3 channels")
     BENCH(spread, "3 channels")
+    BENCH(spread_xyz, "3 channels")
     BENCH(guide, "of normals")
     BENCH(noise, "3 channels")
     BENCH(bilateral, "6 pixels")
+    BENCH(fit_sums, "31 sums")
+    BENCH(fit, "15 of a cell")
+    BENCH(regress, "15 coefficients")
     BENCH(residual, "4 sums")
     BENCH(modulate, "3 channels")
     BENCH(luminance, "3 channels")

@@ -43,12 +43,16 @@
 #define lull_filter5_avx2 emulated_filter5_avx2
 #define lull_encode_avx2 emulated_encode_avx2
 #define lull_spread_avx2 emulated_spread_avx2
+#define lull_spread_xyz_avx2 emulated_spread_xyz_avx2
 #define lull_guide_avx2 emulated_guide_avx2
 #define lull_demodulate_avx2 emulated_demodulate_avx2
 #define lull_shrink_avx2 emulated_shrink_avx2
 #define lull_blend_avx2 emulated_blend_avx2
 #define lull_noise_avx2 emulated_noise_avx2
 #define lull_bilateral_avx2 emulated_bilateral_avx2
+#define lull_fit_sums_avx2 emulated_fit_sums_avx2
+#define lull_fit_avx2 emulated_fit_avx2
+#define lull_regress_avx2 emulated_regress_avx2
 #define lull_residual_avx2 emulated_residual_avx2
 #define lull_modulate_avx2 emulated_modulate_avx2
 #define lull_luminance_avx2 emulated_luminance_avx2

@@ -241,6 +241,27 @@ static void spread_cases(void)
         spread_case(pixels);
 }
 
+static void spread_xyz_case(unsigned pixels)
+{
+    int at_end = guard_below(2) != 0;
+    size_t plane, bytes;
+    float *normal = make_floats(GUARD_ROW, 3 * pixels, -1.1f, 1.1f, at_end);
+    float *out = place_planes(4, pixels, &plane, &bytes, at_end);
+    spoil(normal, 3 * (size_t)pixels);
+    for (size_t i = 0; i < pixels; i++) /* the definition */
+        for (size_t c = 0; c < 4; c++)
+            expect(c * plane + i,
+                   c ? sane_value(normal[3 * i + c - 1], 1.0f, -1.0f, 1.0f) : 1.0f);
+    now.port->spread_xyz(out, plane, normal, pixels);
+    same_bytes(out, bytes, "spread_xyz", pixels);
+}
+
+static void spread_xyz_cases(void)
+{
+    for (unsigned pixels = 1; pixels <= 40; pixels++)
+        spread_xyz_case(pixels);
+}
+
 static void modulate_case(unsigned pixels)
 {
     int at_end = guard_below(2) != 0;

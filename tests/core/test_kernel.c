@@ -163,45 +163,54 @@ static void equals_the_reference(void)
     free(weights);
 }
 
-/* A frame so wide that loops over the filter's small levels are shared, too. */
-static void wide_frames_do_not_depend_on_threads(void)
+/* A frame so wide that loops over the filter's small levels are shared, too, and that strips do not
+ * hold all of it. */
+static void wide_frames_do_not_depend_on_threads_and_strips(void)
 {
-    enum { WIDE = 700, ROWS = 64 };
-    size_t values = (size_t)WIDE * ROWS * 3, bytes, model_bytes;
-    void *weights = read_file("weights.tza", &bytes), *model_memory;
-    float *in = malloc(values * sizeof *in), *out[2];
-    lull_model *model;
-    model_bytes = lull_model_size(weights, bytes, LULL_PORTS_ALL);
-    model_memory = aligned(model_bytes);
-    CHECK_EQ(lull_model_init(&model, model_memory, model_bytes, weights, bytes, LULL_PORTS_ALL),
-             LULL_OK);
+    enum { WIDE = 700, ROWS = 64, RUNS = 4 };
+    static const unsigned forms[RUNS][4] = {/* threads, strip width, in place, ports */
+                                            {1, 0, 0, LULL_PORTS_ALL},
+                                            {3, 0, 0, LULL_PORTS_ALL},
+                                            {1, 48, 0, LULL_PORTS_ALL},
+                                            {2, 64, 1, LULL_PORTS_SCALAR}};
+    size_t values = (size_t)WIDE * ROWS * 3, bytes;
+    void *weights = read_file("weights.tza", &bytes);
+    float *in = malloc(values * sizeof *in), *out[RUNS];
     for (size_t i = 0; i < values; i++)
         in[i] = (float)(i * 2654435761u >> 7 & 1023u) / 512.0f;
-    for (unsigned i = 0; i < 2; i++) {
-        unsigned threads = 1 + 2 * i;
+    for (unsigned i = 0; i < RUNS; i++) {
+        unsigned threads = forms[i][0], ports = forms[i][3];
         lull_frame frame = lull_frame_default(WIDE, ROWS, LULL_HDR, 7);
         lull_image image = {in, LULL_F32, 3, 0, 0};
         lull_images images = {0};
         lull_host host = {&threads, backwards, NULL};
-        size_t plan_bytes;
-        void *plan_memory;
+        size_t model_bytes = lull_model_size(weights, bytes, ports), plan_bytes;
+        void *model_memory = aligned(model_bytes), *plan_memory;
+        lull_model *model;
         lull_plan *plan;
+        CHECK_EQ(lull_model_init(&model, model_memory, model_bytes, weights, bytes, ports),
+                 LULL_OK);
         frame.threads = threads;
         frame.row_step = 8;
+        frame.strip_width = forms[i][1];
+        frame.in_place = forms[i][2];
         plan_bytes = lull_plan_size(&frame, model);
         plan_memory = aligned(plan_bytes);
         CHECK_EQ(lull_plan_init(&plan, plan_memory, plan_bytes, &frame, model), LULL_OK);
         images.color = images.albedo = images.normal = images.output = image;
         images.output.data = out[i] = malloc(values * sizeof *in);
+        if (frame.in_place)
+            images.color.data = memcpy(out[i], in, values * sizeof *in);
         images.input_scale = NAN;
         CHECK_EQ(lull_run(plan, &images, &host), LULL_OK);
+        if (!CHECK(memcmp(out[0], out[i], values * sizeof *in) == 0))
+            printf("  %u threads, strips of %u\n", threads, forms[i][1]);
         free(plan_memory);
+        free(model_memory);
     }
-    CHECK(memcmp(out[0], out[1], values * sizeof *in) == 0);
-    free(out[0]);
-    free(out[1]);
+    for (unsigned i = 0; i < RUNS; i++)
+        free(out[i]);
     free(in);
-    free(model_memory);
     free(weights);
 }
 
@@ -210,6 +219,6 @@ int main(int argc, char **argv)
     CHECK_MAIN(argc, argv);
     lull_ports_request();
     RUN(equals_the_reference);
-    RUN(wide_frames_do_not_depend_on_threads);
+    RUN(wide_frames_do_not_depend_on_threads_and_strips);
     return check_report();
 }

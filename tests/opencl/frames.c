@@ -85,6 +85,46 @@ static void free_images(float *images[3])
         free(images[i]);
 }
 
+/* A file of a golden test. */
+static void *read_golden(const char *test, const char *name, size_t *bytes)
+{
+    const char *root = getenv("LULL_ROOT");
+    char path[1024];
+    void *data = malloc(1 << 20);
+    FILE *file;
+
+    snprintf(path, sizeof path, "%s/tests/golden/%s/%s", root ? root : ".", test, name);
+    file = fopen(path, "rb");
+    *bytes = file && data ? fread(data, 1, 1 << 20, file) : 0;
+    if (file)
+        fclose(file);
+    CHECK(*bytes > 0);
+    return data;
+}
+
+/* The model of the golden test of family K with another value of its tensor `bilateral.scale`, 1 to
+ * 3, which says what the last steps are. In the file's table its name is followed by a rank, a
+ * dimension, two letters and the offset of the value, a float of little endian. */
+static void *model_with_steps(unsigned steps, size_t *bytes)
+{
+    static const char name[] = "bilateral.scale";
+    static const unsigned char values[][4] = {
+        {0, 0, 0x80, 0x3f}, {0, 0, 0, 0x40}, {0, 0, 0x40, 0x40}};
+    unsigned char *model = read_golden("kernel", "weights.tza", bytes);
+    const size_t length = sizeof name - 1, row = length + 7 + 8;
+    size_t at = 0, offset;
+
+    while (at + row < *bytes && memcmp(model + at, name, length) != 0)
+        at++;
+    if (!CHECK(at + row <= *bytes))
+        return model;
+    at += length + 7;
+    offset = model[at] | (size_t)model[at + 1] << 8 | (size_t)model[at + 2] << 16;
+    CHECK(offset + 4 <= *bytes);
+    memcpy(model + offset, values[steps - 1], 4);
+    return model;
+}
+
 static void all_models_features_and_contents(void)
 {
     static const struct {
@@ -116,6 +156,44 @@ static void all_models_features_and_contents(void)
     }
 }
 
+/* Models with all steps after the blend and with some: with albedo, normals, both and neither,
+ * which leaves nothing to regress on; of clipped radiance, which is not corrected; and cells of all
+ * sizes at the borders. */
+static void all_last_steps(void)
+{
+    static const struct {
+        const char *content;
+        unsigned features;
+    } rows[] = {{"hdr", 7}, {"hdr", 3}, {"hdr", 5}, {"hdr", 1},  {NULL, 7},   {NULL, 3},
+                {NULL, 5},  {NULL, 1},  {NULL, 2},  {"srgb", 7}, {"srgb", 2}, {NULL, 4}};
+    static const size_t sizes[][2] = {{1, 1}, {8, 8}, {9, 17}, {31, 4}, {133, 71}};
+    size_t i, s;
+    unsigned steps;
+
+    NEED_OPENCL();
+    for (s = 0; s < COUNT(sizes); s++) {
+        frame f = plain;
+        float *images[3];
+
+        f.width = sizes[s][0];
+        f.height = sizes[s][1];
+        make_images(images, f.width, f.height);
+        for (steps = 1; steps <= 3; steps++) {
+            void *model = model_with_steps(steps, &f.weights_bytes);
+
+            f.weights = model;
+            for (i = 0; i < COUNT(rows); i++) {
+                f.content = rows[i].content;
+                f.features = rows[i].features;
+                if (!CHECK(same(&f, images)))
+                    printf("  bilateral.scale %u\n", steps);
+            }
+            free(model);
+        }
+        free_images(images);
+    }
+}
+
 /* Values that are no colours, and scales. */
 static void odd_values(void)
 {
@@ -126,6 +204,7 @@ static void odd_values(void)
     frame f = plain;
     float *images[3];
     size_t i;
+    void *model;
 
     NEED_OPENCL();
     make_images(images, f.width, f.height);
@@ -142,8 +221,15 @@ static void odd_values(void)
             f.scale = scales[i];
             CHECK(same(&f, images));
         }
-    f.content = "srgb";
     f.quality = OIDN_QUALITY_BALANCED;
+    f.weights = model = model_with_steps(3, &f.weights_bytes);
+    for (i = 0; i < COUNT(scales); i++) {
+        f.scale = scales[i];
+        CHECK(same(&f, images));
+    }
+    free(model);
+    f.weights = NULL;
+    f.content = "srgb";
     f.scale = NAN;
     CHECK(same(&f, images));
     free_images(images);
@@ -156,9 +242,14 @@ static void tiles_change_nothing(void)
         OIDNQuality quality;
         int megabytes;
     } rows[] = {{OIDN_QUALITY_FAST, 0}, {OIDN_QUALITY_FAST, 50}, {OIDN_QUALITY_HIGH, 66}};
+    static const struct {
+        unsigned features;
+        int megabytes;
+    } steps[] = {{7, 0}, {7, 45}, {3, 45}, {5, 55}, {1, 45}}; /* of a model with all steps */
     frame f = plain;
     float *images[3];
     size_t i;
+    void *model;
 
     NEED_OPENCL();
     f.width = 710;
@@ -169,6 +260,13 @@ static void tiles_change_nothing(void)
         f.memory = rows[i].megabytes;
         CHECK(same(&f, images));
     }
+    f.weights = model = model_with_steps(3, &f.weights_bytes);
+    for (i = 0; i < COUNT(steps); i++) {
+        f.features = steps[i].features;
+        f.memory = steps[i].megabytes;
+        CHECK(same(&f, images));
+    }
+    free(model);
     free_images(images);
 }
 
@@ -271,23 +369,6 @@ static void in_place(void)
 
 /* ---- The numpy reference --------------------------------------------------------------------- */
 
-/* A file of a golden test. */
-static void *read_golden(const char *test, const char *name, size_t *bytes)
-{
-    const char *root = getenv("LULL_ROOT");
-    char path[1024];
-    void *data = malloc(1 << 20);
-    FILE *file;
-
-    snprintf(path, sizeof path, "%s/tests/golden/%s/%s", root ? root : ".", test, name);
-    file = fopen(path, "rb");
-    *bytes = file && data ? fread(data, 1, 1 << 20, file) : 0;
-    if (file)
-        fclose(file);
-    CHECK(*bytes > 0);
-    return data;
-}
-
 /* A model of odd widths, whose layers the CPU packs in other ways (export/golden_kernel.py). */
 static void equals_the_reference(void)
 {
@@ -383,6 +464,7 @@ int main(int argc, char **argv)
         cpu = open_cpu();
     }
     RUN(all_models_features_and_contents);
+    RUN(all_last_steps);
     RUN(odd_values);
     RUN(tiles_change_nothing);
     RUN(too_little_memory);

@@ -28,7 +28,7 @@ def test_there_and_back(work):
     assert again.read_bytes() == SMOOTHS.read_bytes()
 
 
-@pytest.mark.parametrize("option", ([], ["--smooth"], ["--off"]))
+@pytest.mark.parametrize("option", ([], ["--correct"], ["--smooth"], ["--off"]))
 @pytest.mark.parametrize("width,height,features", (
     (1500, 23, ("color", "albedo", "normal")), (70, 150, ("color", "albedo")),
     (33, 40, ("color", "normal")), (21, 3, ("color",)),
@@ -57,7 +57,7 @@ def test_it_changes_the_picture():
 
 def test_other_values_are_refused(build, work):
     path = work / "weights.tza"
-    write_tensors(path, dict(Reader(SMOOTHS)) | {kernel.BILATERAL: np.full(1, 3, np.float32)})
+    write_tensors(path, dict(Reader(SMOOTHS)) | {kernel.BILATERAL: np.full(1, 4, np.float32)})
     with pytest.raises(ModelError, match=kernel.BILATERAL):
         kernel.load(path)
     write_pfm(work / "color.pfm", noisy(16, 1, 1)["color"])
@@ -66,7 +66,7 @@ def test_other_values_are_refused(build, work):
     assert done.returncode != 0 and "weights.tza" in done.stderr
 
 
-@pytest.mark.parametrize("value", (kernel.SMOOTH, kernel.SMOOTH_AND_CORRECT))
+@pytest.mark.parametrize("value", sorted(kernel.LAST_STEPS))
 def test_gradients_pass_through_the_last_steps(value):
     """What is trained is then what evaluation computes, and its gradients are not the filter's."""
     torch.manual_seed(3)

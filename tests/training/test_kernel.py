@@ -26,7 +26,7 @@ def test_sums_of_the_filter_are_their_definition():
 
 @pytest.mark.parametrize("has_normal", [False, True])
 @pytest.mark.parametrize("clipped", [False, True])
-@pytest.mark.parametrize("bilateral", [kernel.SMOOTH, kernel.SMOOTH_AND_CORRECT])
+@pytest.mark.parametrize("bilateral", sorted(kernel.LAST_STEPS))
 def test_filter_of_torch_equals_the_reference(bilateral, clipped, has_normal):
     """Same heads, same picture: PyTorch's filter and the bit-exact one differ by rounding only."""
     rng = np.random.default_rng(2)
@@ -34,14 +34,16 @@ def test_filter_of_torch_equals_the_reference(bilateral, clipped, has_normal):
              for s, w in enumerate(kernel_net.HEAD_WIDTHS)]
     radiance = rng.random((32, 48, 3), np.float32) * 5
     albedo = rng.random((32, 48, 3), np.float32)
+    normal = rng.random((32, 48, 3), np.float32) * 2 - 1
     inputs = rng.integers(0, 256, (32, 48, 12)).astype(np.uint8)
     inputs[..., 10], inputs[..., 11] = 255 * has_normal, 255 * clipped
-    expected = kernel.apply_filter(codes, radiance, albedo, guide_of(inputs), bilateral, clipped)
+    expected = kernel.apply_filter(codes, radiance, albedo, normal if has_normal else None,
+                                   guide_of(inputs), bilateral, clipped)
     heads = [torch.from_numpy(c.transpose(2, 0, 1)[None].astype(np.float32) / 16) for c in codes]
     batch = [*(tensor(a) for a in (radiance, albedo)), torch.ones(1, 1, 32, 48)]
     filtered = kernel_filter.apply_filter(heads, *batch)
     got = kernel_filter.smooth_result(*filtered, batch[0], tensor(inputs.astype(np.float32)),
-                                      bilateral)
+                                      tensor(normal * has_normal), heads[0], bilateral)
     np.testing.assert_allclose(picture(got), expected, rtol=2e-4)
 
 
@@ -83,10 +85,10 @@ def test_constant_image_comes_back():
     codes = [rng.integers(0, 256, (-(-21 >> s), -(-19 >> s), w)).astype(np.uint8)
              for s, w in enumerate(kernel_net.HEAD_WIDTHS)]
     constant = np.full((21, 19, 3), 0.37, np.float32)
-    guide = rng.integers(0, 128, (21, 19, 2))
-    out = kernel.apply_filter(codes, constant, np.full_like(constant, 0.5), guide,
-                              kernel.SMOOTH_AND_CORRECT)
-    np.testing.assert_allclose(out, constant, rtol=2e-6)
+    guide, normal = rng.integers(0, 128, (21, 19, 2)), rng.random((21, 19, 3), np.float32)
+    out = kernel.apply_filter(codes, constant, np.full_like(constant, 0.5), normal, guide,
+                              kernel.ALL_STEPS)
+    np.testing.assert_allclose(out, constant, rtol=4e-6)
 
 
 def test_exposure_of_reference_frames_is_used():

@@ -153,3 +153,12 @@ def test_muons_graph_takes_the_same_steps():
         take_step(*expected, rate)
         for a, b in zip(matrices + momenta, expected[0] + expected[2]):
             assert torch.allclose(a, b, rtol=1e-4, atol=1e-6)
+
+
+@pytest.mark.parametrize("mode, device, expected", [
+    (None, "cuda", True), ("graphs", "cuda", True), ("disable", "cuda", False),
+    ("default", "cuda", False), (None, "cpu", False), ("graphs", "cpu", False)])
+def test_graphs_only_where_they_are_asked_for(mode, device, expected):
+    """--compile disable does without Muon's, too."""
+    team = SimpleNamespace(device=torch.device(device))
+    assert parallel.uses_graphs({"compile": mode}, team) == expected
