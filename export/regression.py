@@ -17,7 +17,7 @@ EPS = F(0.03)           # added to the result that the rest is divided by
 MOST_REST = F(4)        # of one pixel: single sparks are chance
 THIRD = F(1 / 3)
 RIDGE, RIDGE_OF_NOISE = F(0.001), F(0.005)
-MOST = F(0.7)           # of a correction
+MOST = F(0.5)           # of a correction
 
 
 def features_of(normal: np.ndarray, smooth: np.ndarray) -> np.ndarray:

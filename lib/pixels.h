@@ -177,7 +177,7 @@ LULL_INLINE float lull_smoothing_weight(const float *change, const float *g, int
 #define LULL_THIRD 0.33333334f
 #define LULL_RIDGE 0.001f
 #define LULL_RIDGE_OF_NOISE 0.005f
-#define LULL_MOST_FIT 0.7f
+#define LULL_MOST_FIT 0.5f
 
 /* Features of a pixel from its filtered normal and its divisor. */
 LULL_INLINE void lull_fit_features(float *f, const float *normal, const float *smooth)

@@ -71,12 +71,12 @@ def test_without_features_nothing_happens():
 
 @pytest.mark.parametrize("level", [0.0, 1e-30, 65504.0])
 def test_extremes_stay_finite_and_in_range(level):
-    """Sparks of 65504 in the dark, and black: no result is negative, none more than 1.7 times."""
+    """Sparks of 65504 in the dark, and black: no result is negative, none more than 1.5 times."""
     out, smooth, features, radiance = scene(24, 24, 3.0)
     out = np.full_like(out, 1e-6)
     radiance = np.where(radiance > np.quantile(radiance, 0.95), F(level), F(0))
     got = exact.regressed(out, smooth, features, radiance)
-    assert (got >= 0.299 * out).all() and (got <= 1.701 * out).all()
+    assert (got >= 0.499 * out).all() and (got <= 1.501 * out).all()
 
 
 def test_gradients():
