@@ -2,7 +2,7 @@
 input has and the result has not, where normals and albedo explain it.
 
 Its sums are those of cells, its coefficients those of cells and those around them: a linear
-function of the filtered normal and the mean filtered albedo, for each channel.
+function of the filtered normal and the filtered albedo, for each channel.
 """
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import numpy as np
 
 F = np.float32
 SIDE = 8                # pixels of a cell
-FEATURES, CHANNELS = 4, 3
-SUMS = 31               # 1, f, e, f f (upper triangle), f e, e e
+FEATURES, CHANNELS = 6, 3
+SUMS = 50               # 1, f, e, f f (upper triangle), f e, e e
 COEFFICIENTS = CHANNELS * (FEATURES + 1)
 EPS = F(0.03)           # added to the result that the rest is divided by
 MOST_REST = F(4)        # of one pixel: single sparks are chance
@@ -22,8 +22,7 @@ MOST = F(0.5)           # of a correction
 
 def features_of(normal: np.ndarray, smooth: np.ndarray) -> np.ndarray:
     """Filtered normal [H,W,3] and divisor [H,W,3] -> [H,W,FEATURES]."""
-    mean = ((smooth[..., :1] + smooth[..., 1:2]) + smooth[..., 2:]) * THIRD
-    return np.concatenate((normal, mean), -1)
+    return np.concatenate((normal, smooth), -1)
 
 
 def products(out: np.ndarray, smooth: np.ndarray, features: np.ndarray,
@@ -96,9 +95,16 @@ def coefficients(sums: np.ndarray) -> np.ndarray:
             b[i, c] = y[i][c] * inverse[i]
             for t in range(i + 1, n):
                 b[i, c] = b[i, c] - lower[t, i] * b[t, c]
-    constant = [-(((f[0] * b[0, c] + f[1] * b[1, c]) + f[2] * b[2, c]) + f[3] * b[3, c])
-                for c in range(CHANNELS)]
-    return np.concatenate((b.reshape(n * CHANNELS, *m.shape), np.stack(constant)))
+    constant = -summed(f[:, None] * b)
+    return np.concatenate((b.reshape(n * CHANNELS, *m.shape), constant))
+
+
+def summed(v: np.ndarray) -> np.ndarray:
+    """Over the first axis, one by one."""
+    total = v[0]
+    for k in v[1:]:
+        total = total + k
+    return total
 
 
 def between(v: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
@@ -119,5 +125,5 @@ def regressed(out: np.ndarray, smooth: np.ndarray, features: np.ndarray,
     k = between(coefficients(sums), out.shape[:2])
     k = k.reshape(FEATURES + 1, CHANNELS, *out.shape[:2])
     f = np.moveaxis(features, -1, 0)[:, None]
-    share = k[4] + (((f[0] * k[0] + f[1] * k[1]) + f[2] * k[2]) + f[3] * k[3])
+    share = k[FEATURES] + summed(f * k[:FEATURES])
     return out + out * np.moveaxis(np.clip(share, -MOST, MOST), 0, -1)

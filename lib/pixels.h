@@ -169,9 +169,13 @@ LULL_INLINE float lull_smoothing_weight(const float *change, const float *g, int
 
 #define LULL_FIT_SIDE 8u     /* pixels of a cell, in either direction */
 #define LULL_FIT_LEVEL 3u    /* log2 of it */
-#define LULL_FIT_FEATURES 4u /* filtered normal, mean filtered albedo */
-#define LULL_FIT_SUMS 31u    /* of a cell: 1, f, e, f f (upper triangle), f e, e e */
-#define LULL_FIT_COEFFICIENTS 15u /* of the features for each channel, then the constants */
+#define LULL_FIT_FEATURES 6u /* filtered normal, filtered albedo */
+#define LULL_FIT_SUMS 50u    /* of a cell: 1, f, e, f f (upper triangle), f e, e e; where: */
+#define LULL_FIT_RESTS (1u + LULL_FIT_FEATURES)
+#define LULL_FIT_SQUARES (LULL_FIT_RESTS + 3u)
+#define LULL_FIT_MIXED (LULL_FIT_SQUARES + LULL_FIT_FEATURES * (LULL_FIT_FEATURES + 1u) / 2u)
+#define LULL_FIT_NOISE (LULL_FIT_SUMS - 1u)
+#define LULL_FIT_COEFFICIENTS 21u /* of the features for each channel, then the constants */
 #define LULL_FIT_EPSILON 0.03f
 #define LULL_FIT_MOST_REST 4.0f /* of one pixel: single sparks are chance */
 #define LULL_THIRD 0.33333334f
@@ -182,29 +186,30 @@ LULL_INLINE float lull_smoothing_weight(const float *change, const float *g, int
 /* Features of a pixel from its filtered normal and its divisor. */
 LULL_INLINE void lull_fit_features(float *f, const float *normal, const float *smooth)
 {
-    for (int c = 0; c < 3; c++)
+    for (int c = 0; c < 3; c++) {
         f[c] = normal[c];
-    f[3] = ((smooth[0] + smooth[1]) + smooth[2]) * LULL_THIRD;
+        f[3 + c] = smooth[c];
+    }
 }
 
 /* What a pixel adds to the sums of its cell: result p, times its divisor, radiance r, features. */
 LULL_INLINE void lull_fit_products(float *sums, const float *p, const float *r, const float *f)
 {
     float e[3];
-    int k = 0;
+    unsigned k = 0;
     for (int c = 0; c < 3; c++) {
         e[c] = (r[c] - p[c]) * (1.0f / (p[c] + LULL_FIT_EPSILON));
         e[c] = e[c] < LULL_FIT_MOST_REST ? e[c] : LULL_FIT_MOST_REST;
     }
     sums[k++] = 1.0f;
-    for (int i = 0; i < 4; i++)
+    for (unsigned i = 0; i < LULL_FIT_FEATURES; i++)
         sums[k++] = f[i];
     for (int c = 0; c < 3; c++)
         sums[k++] = e[c];
-    for (int i = 0; i < 4; i++)
-        for (int j = i; j < 4; j++)
+    for (unsigned i = 0; i < LULL_FIT_FEATURES; i++)
+        for (unsigned j = i; j < LULL_FIT_FEATURES; j++)
             sums[k++] = f[i] * f[j];
-    for (int i = 0; i < 4; i++)
+    for (unsigned i = 0; i < LULL_FIT_FEATURES; i++)
         for (int c = 0; c < 3; c++)
             sums[k++] = f[i] * e[c];
     sums[k] = (e[0] * e[0] + e[1] * e[1]) + e[2] * e[2];
@@ -214,46 +219,54 @@ LULL_INLINE void lull_fit_products(float *sums, const float *p, const float *r, 
  * Cholesky factors of the features' covariance, with a ridge that grows with the noise. */
 LULL_INLINE void lull_fit(float *b, const float *sums)
 {
-    float m = 1.0f / sums[0], f[4], e[3], lower[4][4], scaled[4][4], inverse[4], v, ridge;
-    for (int i = 0; i < 4; i++)
+    float lower[LULL_FIT_FEATURES][LULL_FIT_FEATURES], scaled[LULL_FIT_FEATURES][LULL_FIT_FEATURES];
+    float m = 1.0f / sums[0], f[LULL_FIT_FEATURES], e[3], inverse[LULL_FIT_FEATURES], v, ridge;
+    const unsigned n = LULL_FIT_FEATURES;
+    for (unsigned i = 0; i < n; i++)
         f[i] = sums[1 + i] * m;
-    for (int c = 0; c < 3; c++)
-        e[c] = sums[5 + c] * m;
-    v = (sums[30] * m - ((e[0] * e[0] + e[1] * e[1]) + e[2] * e[2])) * LULL_THIRD;
+    for (unsigned c = 0; c < 3; c++)
+        e[c] = sums[LULL_FIT_RESTS + c] * m;
+    v = (sums[LULL_FIT_NOISE] * m - ((e[0] * e[0] + e[1] * e[1]) + e[2] * e[2])) * LULL_THIRD;
     ridge = LULL_RIDGE + LULL_RIDGE_OF_NOISE * (v > 0.0f ? v : 0.0f);
-    for (int i = 0; i < 4; i++)
-        for (int c = 0; c < 3; c++)
-            b[3 * i + c] = sums[18 + 3 * i + c] * m - f[i] * e[c];
-    for (int i = 0, k = 8; i < 4; i++) {
-        for (int j = i; j < 4; j++, k++) {
+    for (unsigned i = 0; i < n; i++)
+        for (unsigned c = 0; c < 3; c++)
+            b[3 * i + c] = sums[LULL_FIT_MIXED + 3 * i + c] * m - f[i] * e[c];
+    for (unsigned i = 0, k = LULL_FIT_SQUARES; i < n; i++) {
+        for (unsigned j = i; j < n; j++, k++) {
             float a = sums[k] * m - f[i] * f[j];
             if (i == j)
                 a += ridge;
-            for (int t = 0; t < i; t++)
+            for (unsigned t = 0; t < i; t++)
                 a -= lower[j][t] * scaled[i][t];
             scaled[j][i] = a;
         }
         inverse[i] = 1.0f / scaled[i][i];
-        for (int j = i + 1; j < 4; j++)
+        for (unsigned j = i + 1; j < n; j++)
             lower[j][i] = scaled[j][i] * inverse[i];
     }
-    for (int c = 0; c < 3; c++) {
-        for (int i = 1; i < 4; i++)
-            for (int t = 0; t < i; t++)
+    for (unsigned c = 0; c < 3; c++) {
+        float all = 0.0f;
+        for (unsigned i = 1; i < n; i++)
+            for (unsigned t = 0; t < i; t++)
                 b[3 * i + c] -= lower[i][t] * b[3 * t + c];
-        for (int i = 3; i >= 0; i--) {
+        for (unsigned i = n; i-- > 0;) {
             b[3 * i + c] *= inverse[i];
-            for (int t = i + 1; t < 4; t++)
+            for (unsigned t = i + 1; t < n; t++)
                 b[3 * i + c] -= lower[t][i] * b[3 * t + c];
         }
-        b[12 + c] = -(((f[0] * b[c] + f[1] * b[3 + c]) + f[2] * b[6 + c]) + f[3] * b[9 + c]);
+        for (unsigned i = 0; i < n; i++)
+            all = i ? all + f[i] * b[3 * i + c] : f[i] * b[3 * i + c];
+        b[3 * n + c] = -all;
     }
 }
 
 /* A channel of the result after the regression: v before, coefficients b[3 i] at the pixel. */
 LULL_INLINE float lull_regressed(float v, const float *f, const float *b)
 {
-    float k = b[12] + (((f[0] * b[0] + f[1] * b[3]) + f[2] * b[6]) + f[3] * b[9]);
+    float k = f[0] * b[0];
+    for (unsigned i = 1; i < LULL_FIT_FEATURES; i++)
+        k += f[i] * b[3 * i];
+    k = b[3 * LULL_FIT_FEATURES] + k;
     k = k > -LULL_MOST_FIT ? k : -LULL_MOST_FIT;
     return v + v * (k < LULL_MOST_FIT ? k : LULL_MOST_FIT);
 }

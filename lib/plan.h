@@ -36,7 +36,7 @@ size_t lull_ring_left(const lull_ring *ring);
 #define LULL_ROWS_IDLE 0xffffffffu
 
 #define LULL_BLOCK 64u /* pixels converted together at the input and output */
-#define LULL_FIT_BLOCK 192u /* columns summed together by cells: enough for CPUs to see streams */
+#define LULL_FIT_BLOCK 128u /* columns summed together by cells: enough for CPUs to see streams */
 #define LULL_SCRATCH_LOCAL (LULL_BLOCK * (9 * sizeof(float) + 1))
 
 /* Tensors made of the input images. */

@@ -11,7 +11,7 @@ from export.regression import (CHANNELS, EPS, FEATURES, MOST, MOST_REST, RIDGE, 
 
 def features_of(normal: Tensor, smooth: Tensor) -> Tensor:
     """Filtered normal and divisor [N,3,H,W] -> [N,FEATURES,H,W]."""
-    return torch.cat((normal, smooth.mean(1, keepdim=True)), 1)
+    return torch.cat((normal, smooth), 1)
 
 
 def products(out: Tensor, smooth: Tensor, features: Tensor, radiance: Tensor) -> Tensor:

@@ -59,10 +59,10 @@ static void get_features(float *f, float *smooth, __global uchar *memory, const 
 
 /* out: LULL_FIT_SUMS sums of cells; sources: smoothed result, filtered albedo and normal, radiance.
  * A work item makes a column of a cell, a group two cells beside each other in four rows of them.
- * The odd count of sums lets a group's items add without meeting in the banks of local memory. */
+ * An odd stride lets a group's items add without meeting in the banks of local memory. */
 KERNEL_OF_PIXELS fit_sums(__global uchar *memory, __global const uchar *model, lull_cl_filter a)
 {
-    __local float column[LULL_CL_LOCAL_X * LULL_CL_LOCAL_Y][LULL_FIT_SUMS];
+    __local float column[LULL_CL_LOCAL_X * LULL_CL_LOCAL_Y][LULL_FIT_SUMS | 1u];
     int x = get_global_id(0), cell = get_global_id(1), y = cell * (int)LULL_FIT_SIDE;
     int i = get_local_id(1) * LULL_CL_LOCAL_X + get_local_id(0), within = x % (int)LULL_FIT_SIDE;
     int end = x < a.inside_width ? min(y + (int)LULL_FIT_SIDE, a.inside_height) : 0;
@@ -101,12 +101,11 @@ static float fit_sum_at(__global uchar *memory, const lull_cl_filter *a, int x, 
                : 0.0f;
 }
 
-/* out: 16 floats a cell: the coefficients of it and those around it, and one unused; source: sums
- * of cells. */
+/* out: coefficients of a cell and those around it; source: sums of cells. */
 KERNEL_OF_PIXELS fit(__global uchar *memory, __global const uchar *model, lull_cl_filter a)
 {
     int x = get_global_id(0), y = get_global_id(1);
-    float sum[LULL_FIT_SUMS], b[LULL_FIT_COEFFICIENTS + 1];
+    float sum[LULL_FIT_SUMS], b[LULL_FIT_COEFFICIENTS];
     if (x >= a.inside_width || y >= a.inside_height)
         return;
     for (uint k = 0; k < LULL_FIT_SUMS; k++) {
@@ -118,16 +117,8 @@ KERNEL_OF_PIXELS fit(__global uchar *memory, __global const uchar *model, lull_c
         sum[k] = (down[0] + down[2]) + 2.0f * down[1];
     }
     lull_fit(b, sum);
-    b[LULL_FIT_COEFFICIENTS] = 0.0f;
-    vstore16(vload16(0, b), 0, pixel_at(memory, a.out, x, y));
-}
-
-/* The coefficients of a column of cells between two rows of them. */
-static float16 fit_at(__global uchar *memory, lull_cl_tensor fits, int x, int above, int below,
-                      float part)
-{
-    float16 first = vload16(0, pixel_at(memory, fits, x, above));
-    return first + part * (vload16(0, pixel_at(memory, fits, x, below)) - first);
+    for (uint k = 0; k < LULL_FIT_COEFFICIENTS; k++)
+        pixel_at(memory, a.out, x, y)[k] = b[k];
 }
 
 /* out: the result with what the regression adds; sources: smoothed result, filtered albedo and
@@ -138,15 +129,18 @@ KERNEL_OF_PIXELS regress(__global uchar *memory, __global const uchar *model, lu
     int across = (a.inside_width + (int)LULL_FIT_SIDE - 1) / (int)LULL_FIT_SIDE;
     int down = (a.inside_height + (int)LULL_FIT_SIDE - 1) / (int)LULL_FIT_SIDE;
     int above = lull_fit_near(y, 0, down), below = lull_fit_near(y, 1, down);
-    float v[3], smooth[3], f[LULL_FIT_FEATURES], b[LULL_FIT_COEFFICIENTS + 1];
-    float16 before, after;
+    int left = lull_fit_near(x, 0, across), right = lull_fit_near(x, 1, across);
+    float v[3], smooth[3], f[LULL_FIT_FEATURES], b[LULL_FIT_COEFFICIENTS];
+    lull_cl_tensor fits = a.source[3];
     if (x >= a.inside_width || y >= a.inside_height)
         return;
-    before = fit_at(memory, a.source[3], lull_fit_near(x, 0, across), above, below,
-                    lull_fit_part(y));
-    after = fit_at(memory, a.source[3], lull_fit_near(x, 1, across), above, below,
-                   lull_fit_part(y));
-    vstore16(before + lull_fit_part(x) * (after - before), 0, b);
+    for (uint k = 0; k < LULL_FIT_COEFFICIENTS; k++) { /* first down, then across */
+        float before = pixel_at(memory, fits, left, above)[k];
+        float after = pixel_at(memory, fits, right, above)[k];
+        before += lull_fit_part(y) * (pixel_at(memory, fits, left, below)[k] - before);
+        after += lull_fit_part(y) * (pixel_at(memory, fits, right, below)[k] - after);
+        b[k] = before + lull_fit_part(x) * (after - before);
+    }
     get_features(f, smooth, memory, &a, x, y);
     get3(v, *floats_at(memory, a.source[0], x, y));
     for (int c = 0; c < 3; c++)
