@@ -15,7 +15,8 @@
  *
  * fit: coefficients of cells, LULL_FIT_COEFFICIENTS planes: lull_fit of sums over the cells of
  *     three rows (above, here, below), from cell -1 to cell `cells`, weighted by 1, 2, 1: first
- *     (above + below) + 2 here in each column, then of columns alike.
+ *     (above + below) + 2 here in each column, then of columns alike. work: LULL_FIT_WORK floats of
+ *     memory, aligned.
  *
  * regress: lull_regressed of pixels, the first of which is the first of its cell. Coefficients of
  *     cell 1 are those at its centre, of cell 0 those of the cell before; between two centres b + t
@@ -67,6 +68,7 @@ typedef struct lull_fitting {
     unsigned pixels;
 } lull_fitting;
 
+#define LULL_FIT_WORK (16u * (3u + 2u * LULL_FIT_FEATURES) * LULL_FIT_FEATURES)
 #define LULL_FIT_ROOM(pixels) ((pixels) / LULL_FIT_SIDE + 4)
 
 typedef struct lull_regression {

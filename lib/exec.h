@@ -99,7 +99,7 @@ void lull_exec_correct(const lull_task *t, unsigned x, unsigned y, unsigned n);
 /* The regression: sums and coefficients of cells [x, x+n) of row y of cells; columns [x, x+n) of
  * row y of the result, x being the first of a cell. */
 void lull_exec_fit_sums(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker);
-void lull_exec_fit(const lull_task *t, unsigned x, unsigned y, unsigned n);
+void lull_exec_fit(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker);
 void lull_exec_regress(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker);
 
 /* Columns [x, x+n) of row y of the task's layer, if it is one of the filter. */

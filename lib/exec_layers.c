@@ -383,8 +383,7 @@ static void make_fit(const lull_task *t, unsigned x, unsigned y, unsigned n, con
 {
     (void)codes;
     (void)step;
-    (void)worker;
-    lull_exec_fit(t, x, y, n);
+    lull_exec_fit(t, x, y, n, worker);
 }
 
 static void make_regressed(const lull_task *t, unsigned x, unsigned y, unsigned n,

@@ -64,7 +64,7 @@ void lull_exec_fit_sums(const lull_task *t, unsigned x, unsigned y, unsigned n, 
     }
 }
 
-void lull_exec_fit(const lull_task *t, unsigned x, unsigned y, unsigned n)
+void lull_exec_fit(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker)
 {
     const lull_plan *plan = t->plan;
     unsigned source = plan->model->graph.layer[t->layer].source[0];
@@ -76,7 +76,8 @@ void lull_exec_fit(const lull_task *t, unsigned x, unsigned y, unsigned n)
         rows[k] = (const float *)(const void *)lull_exec_source(plan, source, (int)y + k - 1) + x;
     plan->model->kernels.fit(lull_exec_floats(plan, t->layer + 1, y, x),
                              lull_exec_plane(plan, t->layer + 1), rows,
-                             lull_exec_plane(plan, source), lull_min_u(n, cells - x));
+                             lull_exec_plane(plan, source), lull_min_u(n, cells - x),
+                             lull_exec_scratch(t, worker));
 }
 
 #define SOME 32u /* cells at once: their coefficients fit into a worker's memory */

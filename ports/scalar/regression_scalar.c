@@ -35,8 +35,9 @@ static float column_at(const float *const *rows, ptrdiff_t at)
 }
 
 void lull_fit_scalar(float *out, size_t out_plane, const float *const *rows, size_t plane,
-                     unsigned cells)
+                     unsigned cells, float *work)
 {
+    (void)work;
     for (size_t i = 0; i < cells; i++, out++) {
         float sums[LULL_FIT_SUMS], b[LULL_FIT_COEFFICIENTS];
         for (size_t k = 0; k < LULL_FIT_SUMS; k++) {

@@ -441,7 +441,7 @@ static void run_fit_sums(const lull_kernels *k)
 static void run_fit(const lull_kernels *k)
 {
     const float *const row = floats + 64 * PIXELS + 1, *const rows[] = {row, row, row};
-    k->fit(floats, PIXELS, rows, PIXELS + 16, PIXELS);
+    k->fit(floats, PIXELS, rows, PIXELS + 16, PIXELS, floats + 256 * PIXELS);
 }
 
 static void run_regress(const lull_kernels *k)

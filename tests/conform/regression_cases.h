@@ -83,6 +83,7 @@ static void fit_case(unsigned cells)
     size_t plane = cells + 2 + GAP, floats = (LULL_FIT_SUMS - 1) * plane + cells + 2;
     size_t out_plane, bytes;
     float *out = place_planes(LULL_FIT_COEFFICIENTS, cells, &out_plane, &bytes, at_end);
+    float *work = guard_place(GUARD_ROW + 3, LULL_FIT_WORK * sizeof *work, at_end);
     const float *rows[3];
     for (unsigned r = 0; r < 3; r++) {
         float *row = guard_place(GUARD_ROW + r, floats * sizeof *row, at_end);
@@ -92,7 +93,7 @@ static void fit_case(unsigned cells)
                 make_cell(row + i, plane, 1 + guard_below(64));
         rows[r] = row + 1;
     }
-    now.scalar.fit(out, out_plane, rows, plane, cells);
+    now.scalar.fit(out, out_plane, rows, plane, cells, work);
     memcpy(expected, out, bytes);
     for (size_t i = 0; i < cells; i++) /* the ridge changes little */
         for (size_t c = 0; now.pattern == CASES_RANDOM && c < 3; c++) {
@@ -104,7 +105,7 @@ static void fit_case(unsigned cells)
     for (size_t i = 0; i < cells; i++)
         for (size_t k = 0; k < LULL_FIT_COEFFICIENTS; k++)
             out[k * out_plane + i] = 9.0f;
-    now.port->fit(out, out_plane, rows, plane, cells);
+    now.port->fit(out, out_plane, rows, plane, cells, work);
     same_bytes(out, bytes, "fit", cells);
 }
 
