@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from export.cells import between, cell_sums
+
 F = np.float32
 SIDE = 8                # pixels of a cell
 FEATURES, CHANNELS = 6, 3
@@ -38,21 +40,6 @@ def products(out: np.ndarray, smooth: np.ndarray, features: np.ndarray,
     mixed = [f[i] * c for i in range(FEATURES) for c in e]
     return np.stack((np.ones_like(f[0]), *f, *e, *squares, *mixed,
                      (e[0] * e[0] + e[1] * e[1]) + e[2] * e[2]))
-
-
-def cell_sums(v: np.ndarray) -> np.ndarray:
-    """Sums over cells: of each column, then of columns as a tree.
-    [C,H,W] -> [C,ceil(H/SIDE),ceil(W/SIDE)]."""
-    c, h, w = v.shape
-    v = np.pad(v, ((0, 0), (0, -h % SIDE), (0, -w % SIDE)))
-    rows = v.reshape(c, -(-h // SIDE), SIDE, -1, SIDE)
-    sums = rows[:, :, 0]
-    for k in range(1, SIDE):
-        sums = sums + rows[:, :, k]
-    while sums.shape[-1] > 1:
-        half = sums.shape[-1] // 2
-        sums = sums[..., :half] + sums[..., half:]
-    return sums[..., 0]
 
 
 def windows(sums: np.ndarray) -> np.ndarray:
@@ -107,22 +94,11 @@ def summed(v: np.ndarray) -> np.ndarray:
     return total
 
 
-def between(v: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
-    """Values of cells at pixels, bilinear between centres, [C,H,W]; first down."""
-    for axis in (1, 2):
-        at = np.arange(shape[axis - 1]) + SIDE // 2
-        near, far = (np.clip(at // SIDE + k, 0, v.shape[axis] - 1) for k in (-1, 0))
-        part = ((at % SIDE).astype(F) + F(0.5)) * F(1 / SIDE)
-        a, b = v.take(near, axis), v.take(far, axis)
-        v = a + (part[:, None] if axis == 1 else part) * (b - a)
-    return v
-
-
 def regressed(out: np.ndarray, smooth: np.ndarray, features: np.ndarray,
               radiance: np.ndarray) -> np.ndarray:
     """The demodulated result [H,W,3] with what the features explain of the rest."""
-    sums = windows(cell_sums(products(out, smooth, features, radiance)))
-    k = between(coefficients(sums), out.shape[:2])
+    sums = windows(cell_sums(products(out, smooth, features, radiance), SIDE))
+    k = between(coefficients(sums), out.shape[:2], SIDE)
     k = k.reshape(FEATURES + 1, CHANNELS, *out.shape[:2])
     f = np.moveaxis(features, -1, 0)[:, None]
     share = k[FEATURES] + summed(f * k[:FEATURES])

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from export.cells import between, cell_sums
+
 F = np.float32
 ONE = F(1)
 EPS = F(0.02)
@@ -87,21 +89,6 @@ def smoothed(out: np.ndarray, noise: np.ndarray, guide: np.ndarray,
     return out + total * (F(1) / weights)
 
 
-def cell_sums(v: np.ndarray) -> np.ndarray:
-    """Sums over cells of CELL x CELL pixels: of each column, then of columns as a tree.
-    [C,H,W] -> [C,ceil(H/CELL),ceil(W/CELL)]."""
-    c, h, w = v.shape
-    v = np.pad(v, ((0, 0), (0, -h % CELL), (0, -w % CELL)))
-    rows = v.reshape(c, -(-h // CELL), CELL, -1, CELL)
-    sums = rows[:, :, 0]
-    for k in range(1, CELL):
-        sums = sums + rows[:, :, k]
-    while sums.shape[-1] > 1:
-        half = sums.shape[-1] // 2
-        sums = sums[..., :half] + sums[..., half:]
-    return sums[..., 0]
-
-
 def cell_gains(sums: np.ndarray) -> np.ndarray:
     """What the result lacks, relative to it, from cell_sums of q, q q, what may be corrected, and
     sparks. [4,H,W] -> [H,W]."""
@@ -128,11 +115,6 @@ def corrected(out: np.ndarray, smooth: np.ndarray, noise: np.ndarray,
     q = np.minimum((_summed(radiance)[..., 0] - v) * inverse, MOST_LACKING)
     share = np.minimum(noise[..., 0].astype(F) * NOISE_SHARE, F(1))
     lit = np.clip(q - SPARK, F(0), F(1))
-    gain = cell_gains(cell_sums(np.stack((q, q * q, v * inverse * share, lit))))
-    for axis in (0, 1):
-        at = np.arange(out.shape[axis]) + CELL // 2
-        near, far = (np.clip(at // CELL + k, 0, gain.shape[axis] - 1) for k in (-1, 0))
-        part = ((at % CELL).astype(F) + F(0.5)) * F(1 / CELL)
-        a, b = gain.take(near, axis), gain.take(far, axis)
-        gain = a + (part if axis else part[:, None]) * (b - a)
+    gain = cell_gains(cell_sums(np.stack((q, q * q, v * inverse * share, lit)), CELL))
+    gain, = between(gain[None], out.shape[:2], CELL)
     return out + out * (gain * share)[..., None]

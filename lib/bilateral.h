@@ -20,7 +20,7 @@
  *
  * regress: lull_regressed of pixels, the first of which is the first of its cell. Coefficients of
  *     cell 1 are those at its centre, of cell 0 those of the cell before; between two centres b + t
- *     (b' - b), t = lull_fit_part. LULL_FIT_ROOM(pixels) cells are there, whether needed or not.
+ *     (b' - b), t = lull_cell_part. LULL_FIT_ROOM(pixels) cells are there, whether needed or not.
  *
  * residual: adds what n pixels make of their cell's balance to planes of sums. With V = (v(r)
  *     smooth(r) + v(g) smooth(g)) + v(b) smooth(b), R = (R(r) + R(g)) + R(b), L = V +

@@ -94,7 +94,7 @@ unsigned lull_exec_inside(const lull_task *t);
 
 /* Sums of cells [x, x+n) of row y of cells; columns [x, x+n) of row y of the corrected result. */
 void lull_exec_residual(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker);
-void lull_exec_correct(const lull_task *t, unsigned x, unsigned y, unsigned n);
+void lull_exec_correct(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker);
 
 /* The regression: sums and coefficients of cells [x, x+n) of row y of cells; columns [x, x+n) of
  * row y of the result, x being the first of a cell. */

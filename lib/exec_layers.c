@@ -304,7 +304,7 @@ unsigned lull_exec_inside(const lull_task *t)
 }
 
 static void make_blended(const lull_task *t, unsigned x, unsigned y, unsigned n,
-                         const uint8_t *codes, size_t step, unsigned worker)
+                         unsigned worker)
 {
     const lull_plan *plan = t->plan;
     const lull_layer *layer = &plan->model->graph.layer[t->layer];
@@ -314,8 +314,6 @@ static void make_blended(const lull_task *t, unsigned x, unsigned y, unsigned n,
     unsigned right = (plan->frame.width + (1u << level) - 1) >> level;
     unsigned row = y / 2, beside = y & 1 ? row + 1 : row == 0 ? 0 : row - 1;
     lull_blending blending;
-    (void)codes;
-    (void)step;
     (void)worker;
     blending.out = lull_exec_floats(plan, t->layer + 1, y, x);
     blending.out_plane = lull_exec_plane(plan, t->layer + 1);
@@ -344,14 +342,12 @@ static lull_surface get_surface(const lull_plan *plan, const lull_layer *layer, 
 }
 
 static void make_bilateral(const lull_task *t, unsigned x, unsigned y, unsigned n,
-                           const uint8_t *codes, size_t step, unsigned worker)
+                           unsigned worker)
 {
     const lull_plan *plan = t->plan;
     const lull_layer *layer = &plan->model->graph.layer[t->layer];
     unsigned width = lull_exec_inside(t), last = plan->frame.height - 1;
     lull_smoothing s;
-    (void)codes;
-    (void)step;
     (void)worker;
     if (y >= plan->frame.height || x >= width)
         return;
@@ -370,68 +366,28 @@ static void make_bilateral(const lull_task *t, unsigned x, unsigned y, unsigned 
         memcpy(lull_exec_noise(plan, t->layer + 1, y, x), s.noise, n);
 }
 
-static void make_fit_sums(const lull_task *t, unsigned x, unsigned y, unsigned n,
-                          const uint8_t *codes, size_t step, unsigned worker)
-{
-    (void)codes;
-    (void)step;
-    lull_exec_fit_sums(t, x, y, n, worker);
-}
-
-static void make_fit(const lull_task *t, unsigned x, unsigned y, unsigned n, const uint8_t *codes,
-                     size_t step, unsigned worker)
-{
-    (void)codes;
-    (void)step;
-    lull_exec_fit(t, x, y, n, worker);
-}
-
-static void make_regressed(const lull_task *t, unsigned x, unsigned y, unsigned n,
-                           const uint8_t *codes, size_t step, unsigned worker)
-{
-    (void)codes;
-    (void)step;
-    lull_exec_regress(t, x, y, n, worker);
-}
-
-static void make_residual(const lull_task *t, unsigned x, unsigned y, unsigned n,
-                          const uint8_t *codes, size_t step, unsigned worker)
-{
-    (void)codes;
-    (void)step;
-    lull_exec_residual(t, x, y, n, worker);
-}
-
-static void make_corrected(const lull_task *t, unsigned x, unsigned y, unsigned n,
-                           const uint8_t *codes, size_t step, unsigned worker)
-{
-    (void)codes;
-    (void)step;
-    (void)worker;
-    lull_exec_correct(t, x, y, n);
-}
-
-/* Columns [x, x+n) of row y of a layer of the filter; its codes are those of the last head it
- * reads. */
+/* Columns [x, x+n) of row y of a layer of the filter. */
 void lull_exec_filter(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker)
 {
-    static void (*const make[])(const lull_task *, unsigned, unsigned, unsigned, const uint8_t *,
-                                size_t, unsigned) = {
-        [LULL_OP_SMOOTH] = make_smooth,       [LULL_OP_DEMODULATE] = make_demodulated,
-        [LULL_OP_POOL] = make_pooled,         [LULL_OP_FILTER] = make_filtered,
-        [LULL_OP_BLEND] = make_blended,       [LULL_OP_BILATERAL] = make_bilateral,
-        [LULL_OP_FACE] = make_facing,         [LULL_OP_FIT_SUMS] = make_fit_sums,
-        [LULL_OP_FIT] = make_fit,             [LULL_OP_REGRESS] = make_regressed,
-        [LULL_OP_RESIDUAL] = make_residual,   [LULL_OP_CORRECT] = make_corrected};
+    static void (*const by_codes[])(const lull_task *, unsigned, unsigned, unsigned,
+                                    const uint8_t *, size_t, unsigned) = {
+        [LULL_OP_SMOOTH] = make_smooth, [LULL_OP_DEMODULATE] = make_demodulated,
+        [LULL_OP_POOL] = make_pooled,   [LULL_OP_FILTER] = make_filtered,
+        [LULL_OP_FACE] = make_facing,   [LULL_OP_CORRECT] = NULL};
+    static void (*const make[])(const lull_task *, unsigned, unsigned, unsigned, unsigned) = {
+        [LULL_OP_BLEND] = make_blended,          [LULL_OP_BILATERAL] = make_bilateral,
+        [LULL_OP_FIT_SUMS] = lull_exec_fit_sums, [LULL_OP_FIT] = lull_exec_fit,
+        [LULL_OP_REGRESS] = lull_exec_regress,   [LULL_OP_RESIDUAL] = lull_exec_residual,
+        [LULL_OP_CORRECT] = lull_exec_correct};
     const lull_layer *layer = &t->plan->model->graph.layer[t->layer];
-    unsigned head = layer->op == LULL_OP_DEMODULATE ? layer->source[2] : layer->source[1];
-    size_t step = 0;
-    const uint8_t *codes = NULL;
-    if (layer->op < LULL_OP_BLEND || layer->op == LULL_OP_FACE) {
-        step = t->plan->ring[head].channels;
-        codes = part_at(t, head, x, y, worker) - t->plan->model->graph.layer[head - 1].first;
+    if (by_codes[layer->op]) { /* those of the last head that it reads */
+        unsigned head = layer->op == LULL_OP_DEMODULATE ? layer->source[2] : layer->source[1];
+        const uint8_t *codes =
+            part_at(t, head, x, y, worker) - t->plan->model->graph.layer[head - 1].first;
+        by_codes[layer->op](t, x, y, n, codes, t->plan->ring[head].channels, worker);
+    } else {
+        make[layer->op](t, x, y, n, worker);
     }
-    make[layer->op](t, x, y, n, codes, step, worker);
 }
 
 /* Turns the index of a loop into one of a group: bands outside, then groups, chunks, rows. */

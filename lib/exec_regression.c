@@ -90,11 +90,11 @@ static void find_coefficients(float *out, const lull_task *t, int x, unsigned y,
     const lull_plan *plan = t->plan;
     unsigned source = plan->model->graph.layer[t->layer].source[3];
     int down = (int)cells_of(plan->frame.height), cells = (int)cells_of(lull_exec_inside(t));
-    unsigned near = (unsigned)lull_fit_near((int)y, 0, down);
-    unsigned next = (unsigned)lull_fit_near((int)y, 1, down);
+    unsigned near = (unsigned)lull_cell_near(LULL_FIT_SIDE, (int)y, 0, down);
+    unsigned next = (unsigned)lull_cell_near(LULL_FIT_SIDE, (int)y, 1, down);
     const float *above = lull_exec_floats(plan, source, near, 0);
     const float *below = lull_exec_floats(plan, source, next, 0);
-    float part = lull_fit_part((int)y);
+    float part = lull_cell_part(LULL_FIT_SIDE, (int)y);
     int begin = x == 0, end = cells + 1 - x < (int)room ? cells + 1 - x : (int)room;
     for (unsigned c = 0; c < LULL_FIT_COEFFICIENTS; c++, out += SOME_ROOM) {
         for (int i = begin; i < end; i++) {

@@ -98,7 +98,7 @@ static void find_gains(float *gain, const cell_rows *cells, int x, unsigned n)
 static void correct(float *out, size_t out_plane, const float *v, size_t plane,
                     const uint8_t *noise, float before, float after, unsigned x, unsigned n)
 {
-    float first = lull_cell_part((int)x), g[LULL_CELL];
+    float first = lull_cell_part(LULL_CELL, (int)x), g[LULL_CELL];
     for (unsigned i = 0; i < n; i++) {
         float w = noise[i] * LULL_NOISE_SHARE;
         g[i] = (before + (first + (float)i * (1.0f / LULL_CELL)) * (after - before)) *
@@ -109,7 +109,7 @@ static void correct(float *out, size_t out_plane, const float *v, size_t plane,
             out[i] = v[i] + v[i] * g[i];
 }
 
-void lull_exec_correct(const lull_task *t, unsigned x, unsigned y, unsigned n)
+void lull_exec_correct(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker)
 {
     const lull_plan *plan = t->plan;
     const lull_layer *layer = &plan->model->graph.layer[t->layer];
@@ -123,24 +123,25 @@ void lull_exec_correct(const lull_task *t, unsigned x, unsigned y, unsigned n)
     const float *v = lull_exec_floats(plan, tensor, y, 0);
     const uint8_t *noise = lull_exec_noise(plan, tensor, y, 0);
     cell_rows cells;
+    (void)worker;
     cells.plane = lull_exec_plane(plan, sums);
-    cells.part = lull_cell_part((int)y);
+    cells.part = lull_cell_part(LULL_CELL, (int)y);
     for (unsigned k = 0; k < 6; k++) {
-        int row = lull_cell_near((int)y, (int)k / 3, (int)down) + (int)(k % 3) - 1;
+        int row = lull_cell_near(LULL_CELL, (int)y, (int)k / 3, (int)down) + (int)(k % 3) - 1;
         cells.rows[k / 3][k % 3] = (const float *)(const void *)lull_exec_source(plan, sums, row);
     }
     while (x < end) {
         unsigned stop = lull_min_u(x + (SOME - 2) * LULL_CELL, end);
-        int first = lull_cell_near((int)(t->left + x), 0, across), last;
+        int first = lull_cell_near(LULL_CELL, (int)(t->left + x), 0, across), last;
         float gain[SOME];
         first = first < held ? held : first;
-        last = lull_cell_near((int)(t->left + stop) - 1, 1, across);
+        last = lull_cell_near(LULL_CELL, (int)(t->left + stop) - 1, 1, across);
         find_gains(gain, &cells, first - held, (unsigned)(last - first) + 1);
         while (x < stop) {
             unsigned at = t->left + x;
             unsigned count = LULL_CELL - (at + LULL_CELL / 2) % LULL_CELL;
-            int near = lull_cell_near((int)at, 0, across);
-            int next = lull_cell_near((int)at, 1, across);
+            int near = lull_cell_near(LULL_CELL, (int)at, 0, across);
+            int next = lull_cell_near(LULL_CELL, (int)at, 1, across);
             count = lull_min_u(count, stop - x);
             near = near < first ? first : near;
             correct(out + x, out_plane, v + x, plane, noise + x, gain[near - first],

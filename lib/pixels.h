@@ -165,6 +165,22 @@ LULL_INLINE float lull_smoothing_weight(const float *change, const float *g, int
     return w * w;
 }
 
+/* ---- Cells of side x side pixels ------------------------------------------------------------- */
+
+/* The cell before the centre between two cells at which pixel i lies, or the next one, of `count`
+ * that there are. */
+LULL_INLINE int lull_cell_near(unsigned side, int i, int next, int count)
+{
+    int cell = (i + (int)side / 2) / (int)side + next - 1;
+    return cell < 0 ? 0 : cell >= count ? count - 1 : cell;
+}
+
+/* How far it lies on the way from one to the other. */
+LULL_INLINE float lull_cell_part(unsigned side, int i)
+{
+    return ((float)((i + (int)side / 2) % (int)side) + 0.5f) * (1.0f / (float)side);
+}
+
 /* ---- Regression on normals and albedo -------------------------------------------------------- */
 
 #define LULL_FIT_SIDE 8u     /* pixels of a cell, in either direction */
@@ -271,19 +287,6 @@ LULL_INLINE float lull_regressed(float v, const float *f, const float *b)
     return v + v * (k < LULL_MOST_FIT ? k : LULL_MOST_FIT);
 }
 
-/* The cell before the centre between two cells at which pixel i lies, or the next one, of `count`
- * that there are; and how far it lies on the way from one to the other. */
-LULL_INLINE int lull_fit_near(int i, int next, int count)
-{
-    int cell = (i + (int)LULL_FIT_SIDE / 2) / (int)LULL_FIT_SIDE + next - 1;
-    return cell < 0 ? 0 : cell >= count ? count - 1 : cell;
-}
-LULL_INLINE float lull_fit_part(int i)
-{
-    return ((float)((i + (int)LULL_FIT_SIDE / 2) % (int)LULL_FIT_SIDE) + 0.5f) *
-           (1.0f / LULL_FIT_SIDE);
-}
-
 /* ---- What the result lacks ------------------------------------------------------------------- */
 
 #define LULL_CELL 16u        /* pixels, in either direction */
@@ -319,20 +322,6 @@ LULL_INLINE float lull_cell_gain(float q, float squares, float base, float spark
     float gain = (share > 0.0f ? share : 0.0f) * (q < most ? q : most) / (base + 32.0f);
     gain = gain < -LULL_MOST_GAIN ? -LULL_MOST_GAIN : gain;
     return gain > LULL_MOST_GAIN ? LULL_MOST_GAIN : gain;
-}
-
-/* The cell before the centre between two cells at which pixel i lies, or the next one, of `count`
- * that there are. */
-LULL_INLINE int lull_cell_near(int i, int next, int count)
-{
-    int cell = (i + (int)LULL_CELL / 2) / (int)LULL_CELL + next - 1;
-    return cell < 0 ? 0 : cell >= count ? count - 1 : cell;
-}
-
-/* How far it lies on the way from one to the other. */
-LULL_INLINE float lull_cell_part(int i)
-{
-    return ((float)((i + (int)LULL_CELL / 2) % (int)LULL_CELL) + 0.5f) * (1.0f / LULL_CELL);
 }
 
 #endif

@@ -128,8 +128,11 @@ KERNEL_OF_PIXELS regress(__global uchar *memory, __global const uchar *model, lu
     int x = get_global_id(0), y = get_global_id(1);
     int across = (a.inside_width + (int)LULL_FIT_SIDE - 1) / (int)LULL_FIT_SIDE;
     int down = (a.inside_height + (int)LULL_FIT_SIDE - 1) / (int)LULL_FIT_SIDE;
-    int above = lull_fit_near(y, 0, down), below = lull_fit_near(y, 1, down);
-    int left = lull_fit_near(x, 0, across), right = lull_fit_near(x, 1, across);
+    int above = lull_cell_near(LULL_FIT_SIDE, y, 0, down);
+    int below = lull_cell_near(LULL_FIT_SIDE, y, 1, down);
+    int left = lull_cell_near(LULL_FIT_SIDE, x, 0, across);
+    int right = lull_cell_near(LULL_FIT_SIDE, x, 1, across);
+    float part = lull_cell_part(LULL_FIT_SIDE, y), part_across = lull_cell_part(LULL_FIT_SIDE, x);
     float v[3], smooth[3], f[LULL_FIT_FEATURES], b[LULL_FIT_COEFFICIENTS];
     lull_cl_tensor fits = a.source[3];
     if (x >= a.inside_width || y >= a.inside_height)
@@ -137,9 +140,9 @@ KERNEL_OF_PIXELS regress(__global uchar *memory, __global const uchar *model, lu
     for (uint k = 0; k < LULL_FIT_COEFFICIENTS; k++) { /* first down, then across */
         float before = pixel_at(memory, fits, left, above)[k];
         float after = pixel_at(memory, fits, right, above)[k];
-        before += lull_fit_part(y) * (pixel_at(memory, fits, left, below)[k] - before);
-        after += lull_fit_part(y) * (pixel_at(memory, fits, right, below)[k] - after);
-        b[k] = before + lull_fit_part(x) * (after - before);
+        before += part * (pixel_at(memory, fits, left, below)[k] - before);
+        after += part * (pixel_at(memory, fits, right, below)[k] - after);
+        b[k] = before + part_across * (after - before);
     }
     get_features(f, smooth, memory, &a, x, y);
     get3(v, *floats_at(memory, a.source[0], x, y));
@@ -216,17 +219,18 @@ KERNEL_OF_PIXELS correct(__global uchar *memory, __global const uchar *model, lu
     int x = get_global_id(0), y = get_global_id(1);
     int across = (a.inside_width + (int)LULL_CELL - 1) / (int)LULL_CELL;
     int down = (a.inside_height + (int)LULL_CELL - 1) / (int)LULL_CELL;
-    int above = lull_cell_near(y, 0, down), below = lull_cell_near(y, 1, down);
+    int above = lull_cell_near(LULL_CELL, y, 0, down);
+    int below = lull_cell_near(LULL_CELL, y, 1, down);
     float before, after, w, g;
     float4 v;
     if (x >= a.inside_width || y >= a.inside_height)
         return;
-    before = gain_at(memory, a.source[1], lull_cell_near(x, 0, across), above, below,
-                     lull_cell_part(y));
-    after = gain_at(memory, a.source[1], lull_cell_near(x, 1, across), above, below,
-                    lull_cell_part(y));
+    before = gain_at(memory, a.source[1], lull_cell_near(LULL_CELL, x, 0, across), above, below,
+                     lull_cell_part(LULL_CELL, y));
+    after = gain_at(memory, a.source[1], lull_cell_near(LULL_CELL, x, 1, across), above, below,
+                    lull_cell_part(LULL_CELL, y));
     w = *bytes_at(memory, a.source[2], x, y) * LULL_NOISE_SHARE;
-    g = (before + lull_cell_part(x) * (after - before)) * (w < 1.0f ? w : 1.0f);
+    g = (before + lull_cell_part(LULL_CELL, x) * (after - before)) * (w < 1.0f ? w : 1.0f);
     v = *floats_at(memory, a.source[0], x, y);
     *floats_at(memory, a.out, x, y) = v + v * g;
 }

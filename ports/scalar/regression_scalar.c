@@ -55,7 +55,8 @@ void lull_regress_scalar(const lull_regression *r)
 {
     for (size_t i = 0; i < r->pixels; i++) {
         const float *cell = r->coefficients + (i + LULL_FIT_SIDE / 2) / LULL_FIT_SIDE;
-        float f[LULL_FIT_FEATURES], s[3], b[LULL_FIT_COEFFICIENTS], part = lull_fit_part((int)i);
+        float f[LULL_FIT_FEATURES], s[3], b[LULL_FIT_COEFFICIENTS];
+        float part = lull_cell_part(LULL_FIT_SIDE, (int)i);
         get_features(f, s, r->normal, r->normal_plane, r->smooth, r->smooth_plane, i);
         for (size_t k = 0; k < LULL_FIT_COEFFICIENTS; k++, cell += r->plane)
             b[k] = cell[0] + part * (cell[1] - cell[0]);

@@ -125,6 +125,17 @@ static void *model_with_steps(unsigned steps, size_t *bytes)
     return model;
 }
 
+/* A plain frame of another width and height, and its images. */
+static frame frame_of(const size_t size[2], float *images[3])
+{
+    frame f = plain;
+
+    f.width = size[0];
+    f.height = size[1];
+    make_images(images, f.width, f.height);
+    return f;
+}
+
 static void all_models_features_and_contents(void)
 {
     static const struct {
@@ -139,12 +150,9 @@ static void all_models_features_and_contents(void)
 
     NEED_OPENCL();
     for (s = 0; s < COUNT(sizes); s++) {
-        frame f = plain;
         float *images[3];
+        frame f = frame_of(sizes[s], images);
 
-        f.width = sizes[s][0];
-        f.height = sizes[s][1];
-        make_images(images, f.width, f.height);
         for (i = 0; i < COUNT(rows); i++)
             for (f.quality = OIDN_QUALITY_FAST; f.quality <= OIDN_QUALITY_HIGH; f.quality++) {
                 f.type = rows[i].type;
@@ -172,12 +180,9 @@ static void all_last_steps(void)
 
     NEED_OPENCL();
     for (s = 0; s < COUNT(sizes); s++) {
-        frame f = plain;
         float *images[3];
+        frame f = frame_of(sizes[s], images);
 
-        f.width = sizes[s][0];
-        f.height = sizes[s][1];
-        make_images(images, f.width, f.height);
         for (steps = 1; steps <= 3; steps++) {
             void *model = model_with_steps(steps, &f.weights_bytes);
 
@@ -433,12 +438,9 @@ static void integer_unets(void)
 
     NEED_OPENCL();
     for (s = 0; s < COUNT(sizes); s++) {
-        frame f = plain;
         float *images[3];
+        frame f = frame_of(sizes[s], images);
 
-        f.width = sizes[s][0];
-        f.height = sizes[s][1];
-        make_images(images, f.width, f.height);
         for (i = 0; i < COUNT(rows); i++) {
             void *model = read_golden(rows[i].test, "weights.tza", &f.weights_bytes);
 

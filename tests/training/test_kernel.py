@@ -86,9 +86,10 @@ def test_constant_image_comes_back():
              for s, w in enumerate(kernel_net.HEAD_WIDTHS)]
     constant = np.full((21, 19, 3), 0.37, np.float32)
     guide, normal = rng.integers(0, 128, (21, 19, 2)), rng.random((21, 19, 3), np.float32)
-    out = kernel.apply_filter(codes, constant, np.full_like(constant, 0.5), normal, guide,
-                              kernel.ALL_STEPS)
-    np.testing.assert_allclose(out, constant, rtol=4e-6)
+    albedo = np.full_like(constant, 0.5)
+    for steps, rtol in ((kernel.SMOOTH_AND_CORRECT, 2e-6), (kernel.ALL_STEPS, 4e-6)):
+        out = kernel.apply_filter(codes, constant, albedo, normal, guide, steps)
+        np.testing.assert_allclose(out, constant, rtol=rtol)
 
 
 def test_exposure_of_reference_frames_is_used():
