@@ -16,7 +16,8 @@ from export import pixels
 from export.graph import ALIGN, NETS_DEF, Layer, ModelError, Net, read_nets
 from export.reference import NARROW_MAX, FloatModel, IntLayer, IntModel, _tensor, check_layer
 from export.regression import features_of, regressed
-from export.smooth import EPS, corrected, guide_of, noise_codes, shares, smoothed, to_code
+from export.smooth import (EPS, corrected, guide_of, mixed, noise_codes, shares, smoothed,
+                           to_code)
 from export.tza import Reader
 
 F = np.float32
@@ -35,7 +36,8 @@ LOG_TERMS = F(30.6365147), F(-15.4037612), F(10.996752), F(-7.00442797)
 
 @dataclass(frozen=True)
 class LastSteps:
-    """Steps after the filter (export.smooth, export.regression): smoothing, and these."""
+    """Steps after the filter (export.smooth, export.regression): smoothing, and these; without
+    features mixing comes along with correcting."""
 
     regresses: bool
     corrects: bool
@@ -263,6 +265,8 @@ def apply_filter(heads: list[np.ndarray], radiance: np.ndarray, albedo: np.ndarr
             out = regressed(out, smooth, features_of(even, smooth), radiance)
         if steps.corrects and not clipped:
             out = corrected(out, smooth, noise, radiance)
+        if steps.corrects and albedo is None and normal is None:
+            out = mixed(out, noise, radiance)
     return out * smooth
 
 

@@ -1,5 +1,5 @@
 """The last steps of family K's filter in numpy, docs/kernel-prediction.md, to the bit: smoothing
-along the result, and what it lacks."""
+along the result, what it lacks, and the input mixed in."""
 from __future__ import annotations
 
 import numpy as np
@@ -22,6 +22,8 @@ NOISE_SHARE = F(0.05)            # of a correction, per noise code
 MOST_LACKING, MOST_GAIN = F(200), F(0.5)
 SPARK = F(2)
 SPARKS_LEAST, SPARKS_SQUARED = F(20), F(0.3)
+LEAST_NOISE = F(1)               # mean code of cells that tell how much noise there is
+SHARE_PER_NOISE, MOST_MIXED = F(1 / 24), F(0.5)  # of the input: less by this much per noise code
 
 
 def to_code(v: np.ndarray) -> np.ndarray:
@@ -89,16 +91,21 @@ def smoothed(out: np.ndarray, noise: np.ndarray, guide: np.ndarray,
     return out + total * (F(1) / weights)
 
 
-def cell_gains(sums: np.ndarray) -> np.ndarray:
-    """What the result lacks, relative to it, from cell_sums of q, q q, what may be corrected, and
-    sparks. [4,H,W] -> [H,W]."""
-    v = np.pad(sums, ((0, 0), (1, 1), (2, 2)))
+def sums_around(v: np.ndarray) -> np.ndarray:
+    """Sums of each three rows by five columns of cells, [C,H,W]."""
+    v = np.pad(v, ((0, 0), (1, 1), (2, 2)))
     v = (v[:, :-2] + v[:, 1:-1]) + v[:, 2:]
     n = v.shape[2] - 4
     total = v[..., :n]
     for k in range(1, 5):
         total = total + v[..., k:k + n]
-    q, squares, base, lit = total
+    return total
+
+
+def cell_gains(sums: np.ndarray) -> np.ndarray:
+    """What the result lacks, relative to it, from cell_sums of q, q q, what may be corrected, and
+    sparks. [4,H,W] -> [H,W]."""
+    q, squares, base, lit = sums_around(sums)
     share = np.maximum(F(1) - squares / (q * q + F(1e-6)), F(0))
     q = np.minimum(q, SPARKS_LEAST + SPARKS_SQUARED * lit * lit)
     return np.clip(share * q / (base + F(32)), -MOST_GAIN, MOST_GAIN)
@@ -118,3 +125,19 @@ def corrected(out: np.ndarray, smooth: np.ndarray, noise: np.ndarray,
     gain = cell_gains(cell_sums(np.stack((q, q * q, v * inverse * share, lit)), CELL))
     gain, = between(gain[None], out.shape[:2], CELL)
     return out + out * (gain * share)[..., None]
+
+
+def mixed(out: np.ndarray, noise: np.ndarray, radiance: np.ndarray) -> np.ndarray:
+    """The result [H,W,3] with a share of the input where noise is little, for images without
+    features, which are divided by 1; arguments as of corrected."""
+    code = noise[..., 0].astype(F)
+    pixels, codes = sums_around(_noisy(cell_sums(np.stack((np.ones_like(code), code)), CELL)))
+    mean = codes * np.divide(ONE, pixels, out=np.zeros_like(pixels), where=pixels > 0)
+    share = np.clip(ONE - mean * SHARE_PER_NOISE, F(0), MOST_MIXED)
+    share, = between(share[None], out.shape[:2], CELL)
+    return out + share[..., None] * (radiance - out)
+
+
+def _noisy(sums: np.ndarray) -> np.ndarray:
+    """Pixels of cells and sums of their noise codes, [2,H,W]; 0 where there is next to none."""
+    return np.where(sums[1] >= LEAST_NOISE * sums[0], sums, F(0))

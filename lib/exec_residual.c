@@ -1,5 +1,12 @@
-/* The last step of family K's filter: what the result lacks, by cells of pixels (bilateral.h). */
+/* The last step of family K's filter: what the result lacks, by cells of pixels (bilateral.h), and,
+ * in images without features, a share of the input where it has little noise. */
 #include "exec.h"
+
+/* 1 if the input is mixed in: albedo and normals would tell texture from noise. */
+static int has_mixing(const lull_frame *frame)
+{
+    return (frame->features & (frame->features - 1)) == 0;
+}
 
 /* The sum of 16 columns. */
 static float sum_columns(float *v)
@@ -35,6 +42,26 @@ static void add_rows(float *sums, const lull_task *t, unsigned x, unsigned end, 
     }
 }
 
+/* Pixels of n cells and sums of their noise codes. */
+static void sum_noise(float *out, const lull_task *t, unsigned x, unsigned y, unsigned n)
+{
+    const lull_plan *plan = t->plan;
+    unsigned tensor = plan->model->graph.layer[t->layer].source[0], top = LULL_CELL * y;
+    unsigned bottom = lull_min_u(top + LULL_CELL, plan->frame.height);
+    size_t plane = lull_exec_plane(plan, t->layer + 1);
+    for (unsigned i = 0; i < n; i++) {
+        unsigned left = LULL_CELL * (x + i), sum = 0, pixels = 0;
+        unsigned right = lull_min_u(left + LULL_CELL, lull_exec_inside(t));
+        for (unsigned row = top; row < bottom && left < right; row++, pixels += right - left) {
+            const uint8_t *noise = lull_exec_noise(plan, tensor, row, left);
+            for (unsigned k = 0; k < right - left; k++)
+                sum += noise[k];
+        }
+        out[LULL_CELL_PIXELS * plane + i] = (float)pixels;
+        out[LULL_CELL_NOISE * plane + i] = (float)sum;
+    }
+}
+
 void lull_exec_residual(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker)
 {
     const lull_plan *plan = t->plan;
@@ -45,6 +72,8 @@ void lull_exec_residual(const lull_task *t, unsigned x, unsigned y, unsigned n, 
     size_t plane = lull_exec_plane(plan, t->layer + 1);
     for (unsigned c = 0; c < LULL_CELL_SUMS; c++)
         memset(out + c * plane, 0, n * sizeof *out);
+    if (has_mixing(&plan->frame))
+        sum_noise(out, t, x, y, n);
     if (!lull_exec_content(&plan->frame).is_hdr) /* clipped input lacks light itself */
         return;
     for (; left < end; left += LULL_BLOCK) {
@@ -84,14 +113,32 @@ static void find_row(float *gain, const cell_rows *cells, unsigned row, int x, u
         gain[k] = lull_cell_gain(sums[0][k], sums[1][k], sums[2][k], sums[3][k]);
 }
 
+/* Shares of the input alike. */
+static void find_row_shares(float *share, const cell_rows *cells, unsigned row, int x, unsigned n)
+{
+    for (int k = 0; k < (int)n; k++) {
+        float pixels = 0.0f, noise = 0.0f; /* whole numbers: exact */
+        for (unsigned i = 0; i < 15; i++) {
+            const float *cell = cells->rows[row][i / 5] + x + k + (int)(i % 5) - 2;
+            float here = cell[LULL_CELL_PIXELS * cells->plane];
+            float codes = cell[LULL_CELL_NOISE * cells->plane];
+            if (lull_is_noisy(here, codes))
+                pixels += here, noise += codes;
+        }
+        share[k] = lull_input_share(pixels, noise);
+    }
+}
+
+typedef void find_row_fn(float *values, const cell_rows *cells, unsigned row, int x, unsigned n);
+
 /* The same of both, for a row of pixels. */
-static void find_gains(float *gain, const cell_rows *cells, int x, unsigned n)
+static void find_cells(float *values, find_row_fn *find, const cell_rows *cells, int x, unsigned n)
 {
     float below[SOME];
-    find_row(gain, cells, 0, x, n);
-    find_row(below, cells, 1, x, n);
+    find(values, cells, 0, x, n);
+    find(below, cells, 1, x, n);
     for (unsigned k = 0; k < n; k++)
-        gain[k] += cells->part * (below[k] - gain[k]);
+        values[k] += cells->part * (below[k] - values[k]);
 }
 
 /* n pixels between the centres of two cells whose gains are given. */
@@ -109,6 +156,21 @@ static void correct(float *out, size_t out_plane, const float *v, size_t plane,
             out[i] = v[i] + v[i] * g[i];
 }
 
+/* Mixes the input into them alike. */
+static void mix(float *out, size_t plane, const lull_encoding *from, float before, float after,
+                unsigned x, unsigned n)
+{
+    float first = lull_cell_part(LULL_CELL, (int)x);
+    for (unsigned i = 0; i < n; i++) {
+        float share = before + (first + (float)i * (1.0f / LULL_CELL)) * (after - before);
+        for (unsigned c = 0; c < 3; c++) {
+            float *v = out + c * plane + i;
+            float r = lull_sane(from->radiance[3 * i + c], from->scale, 0.0f, from->most);
+            *v = *v + share * (r - *v);
+        }
+    }
+}
+
 void lull_exec_correct(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker)
 {
     const lull_plan *plan = t->plan;
@@ -122,8 +184,8 @@ void lull_exec_correct(const lull_task *t, unsigned x, unsigned y, unsigned n, u
     float *out = lull_exec_floats(plan, t->layer + 1, y, 0);
     const float *v = lull_exec_floats(plan, tensor, y, 0);
     const uint8_t *noise = lull_exec_noise(plan, tensor, y, 0);
+    lull_encoding from = {0};
     cell_rows cells;
-    (void)worker;
     cells.plane = lull_exec_plane(plan, sums);
     cells.part = lull_cell_part(LULL_CELL, (int)y);
     for (unsigned k = 0; k < 6; k++) {
@@ -133,10 +195,12 @@ void lull_exec_correct(const lull_task *t, unsigned x, unsigned y, unsigned n, u
     while (x < end) {
         unsigned stop = lull_min_u(x + (SOME - 2) * LULL_CELL, end);
         int first = lull_cell_near(LULL_CELL, (int)(t->left + x), 0, across), last;
-        float gain[SOME];
+        float gain[SOME], share[SOME];
         first = first < held ? held : first;
         last = lull_cell_near(LULL_CELL, (int)(t->left + stop) - 1, 1, across);
-        find_gains(gain, &cells, first - held, (unsigned)(last - first) + 1);
+        find_cells(gain, find_row, &cells, first - held, (unsigned)(last - first) + 1);
+        if (has_mixing(&plan->frame))
+            find_cells(share, find_row_shares, &cells, first - held, (unsigned)(last - first) + 1);
         while (x < stop) {
             unsigned at = t->left + x;
             unsigned count = LULL_CELL - (at + LULL_CELL / 2) % LULL_CELL;
@@ -146,6 +210,10 @@ void lull_exec_correct(const lull_task *t, unsigned x, unsigned y, unsigned n, u
             near = near < first ? first : near;
             correct(out + x, out_plane, v + x, plane, noise + x, gain[near - first],
                     gain[next - first], at, count);
+            if (has_mixing(&plan->frame)) {
+                lull_exec_radiance(&from, t, lull_exec_scratch(t, worker), at, y, count);
+                mix(out + x, out_plane, &from, share[near - first], share[next - first], at, count);
+            }
             x += count;
         }
     }

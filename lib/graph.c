@@ -348,7 +348,7 @@ static lull_status add_filters(lull_graph *graph, const lull_tza *tza)
     static const lull_reads fit[] = {LULL_READS_3};
     static const lull_reads regress[] = {LULL_READS_ROW, LULL_READS_ROW, LULL_READS_ROW,
                                          LULL_READS_EIGHTH};
-    static const lull_reads correct[] = {LULL_READS_ROW, LULL_READS_CELLS};
+    static const lull_reads correct[] = {LULL_READS_ROW, LULL_READS_CELLS, LULL_READS_ROW};
     unsigned head[K_LEVELS], filtered[K_LEVELS], v, even, facing = LULL_TENSOR_NONE, result;
     lull_tza_tensor asked;
     int has_bilateral = lull_tza_find(tza, "bilateral", ".scale", &asked);
@@ -401,10 +401,11 @@ static lull_status add_filters(lull_graph *graph, const lull_tza *tza)
     }
     if (has_residual) {
         unsigned sums =
-            add_filter(graph, LULL_OP_RESIDUAL, LULL_CELL_LEVEL, LULL_CELL_SUMS,
+            add_filter(graph, LULL_OP_RESIDUAL, LULL_CELL_LEVEL, LULL_CELL_PLANES,
                        (unsigned[]){result, LULL_TENSOR_RADIANCE, LULL_TENSOR_NONE}, cell);
         result = add_filter(graph, LULL_OP_CORRECT, 0, 3,
-                            (unsigned[]){result, sums, LULL_TENSOR_NONE}, correct);
+                            (unsigned[]){result, sums, LULL_TENSOR_RADIANCE, LULL_TENSOR_NONE},
+                            correct);
     }
     return result == LULL_TENSOR_NONE ? LULL_ERROR_NETWORK : LULL_OK;
 }

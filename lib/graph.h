@@ -49,7 +49,7 @@ typedef enum lull_op {
     LULL_OP_REGRESS,   /* smoothed result, filtered albedo and normal, coefficients: result, and the
                         * codes of the noise */
     LULL_OP_RESIDUAL,  /* result, radiance: sums over the pixels of a cell of 16x16 */
-    LULL_OP_CORRECT    /* result, sums: result */
+    LULL_OP_CORRECT    /* result, sums, radiance: result */
 } lull_op;
 
 /* Rows of a source that row y of a layer sees. */

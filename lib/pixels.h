@@ -287,11 +287,14 @@ LULL_INLINE float lull_regressed(float v, const float *f, const float *b)
     return v + v * (k < LULL_MOST_FIT ? k : LULL_MOST_FIT);
 }
 
-/* ---- What the result lacks ------------------------------------------------------------------- */
+/* ---- What the result lacks, and the input mixed in ------------------------------------------- */
 
 #define LULL_CELL 16u        /* pixels, in either direction */
 #define LULL_CELL_LEVEL 4u   /* log2 of it */
-#define LULL_CELL_SUMS 4u    /* of a cell: q, q q, what may be corrected, sparks */
+#define LULL_CELL_SUMS 4u    /* of a cell: q, q q, what may be corrected, sparks; then ... */
+#define LULL_CELL_PIXELS 4u  /* ... without features, its pixels, and the sum of ... */
+#define LULL_CELL_NOISE 5u   /* ... their noise codes */
+#define LULL_CELL_PLANES 6u
 #define LULL_BALANCE_EPSILON 0.15f /* three times 0.05 */
 #define LULL_NOISE_SHARE 0.05f     /* of a correction, per noise code */
 #define LULL_MOST_LACKING 200.0f   /* of one pixel: single sparks are chance */
@@ -323,5 +326,20 @@ LULL_INLINE float lull_cell_gain(float q, float squares, float base, float spark
     gain = gain < -LULL_MOST_GAIN ? -LULL_MOST_GAIN : gain;
     return gain > LULL_MOST_GAIN ? LULL_MOST_GAIN : gain;
 }
+
+/* The share of the input that images without features get of it instead: half of it at most, none
+ * where the mean noise code is 24 or more, from sums over the cells of `lull_is_noisy` around: of
+ * their pixels, and of the codes. */
+#define LULL_SHARE_PER_NOISE 0.041666668f
+#define LULL_MOST_MIXED 0.5f
+LULL_INLINE float lull_input_share(float pixels, float noise)
+{
+    float share = pixels > 0.0f ? 1.0f - (noise * (1.0f / pixels)) * LULL_SHARE_PER_NOISE : 1.0f;
+    share = share > 0.0f ? share : 0.0f;
+    return share < LULL_MOST_MIXED ? share : LULL_MOST_MIXED;
+}
+
+/* 1 for a cell whose mean noise code is not below 1, as that of sky and lamps is. */
+LULL_INLINE int lull_is_noisy(float pixels, float noise) { return noise >= pixels; }
 
 #endif

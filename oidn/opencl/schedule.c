@@ -29,7 +29,7 @@ static uint32_t element(const lull_graph *graph, unsigned tensor)
 
 static shape shape_of(const lull_cl_schedule *s, unsigned tensor)
 {
-    static const uint8_t pixels[] = {12, 12, 12, 1, 4}; /* from LULL_CL_IMAGE_ALBEDO on */
+    static const uint8_t pixels[] = {12, 12, 12, 1, 8}; /* from LULL_CL_IMAGE_ALBEDO on */
     unsigned level = tensor < LULL_TENSORS ? lull_graph_level(s->graph, tensor)
                      : tensor == LULL_CL_GAINS ? LULL_CELL_LEVEL
                                                : 0;
@@ -262,8 +262,10 @@ static void filter_sources(uint8_t sources[LULL_CL_SOURCES], const lull_cl_sched
         sources[2] = (uint8_t)lull_graph_find(s->graph, LULL_OP_SMOOTH, 0);
         sources[3] = LULL_CL_NOISE_CODES;
     }
-    if (layer->op == LULL_OP_CORRECT)
+    if (layer->op == LULL_OP_CORRECT) {
         sources[1] = LULL_CL_GAINS;
+        sources[3] = LULL_TENSOR_RADIANCE;
+    }
 }
 
 /* The first of a head's codes that a layer of the filter reads; heads may begin with a later one

@@ -1,5 +1,6 @@
 /* Steps 6 to 8 of the filter of family K: smoothing along the result, regression on normals and
- * albedo, and what the result lacks (docs/kernel-prediction.md, lib/bilateral.h, lib/pixels.h). */
+ * albedo, what the result lacks, and the input mixed in (docs/kernel-prediction.md,
+ * lib/bilateral.h, lib/pixels.h). */
 
 /* ---- Smoothing along the result -------------------------------------------------------------- */
 
@@ -151,46 +152,81 @@ KERNEL_OF_PIXELS regress(__global uchar *memory, __global const uchar *model, lu
     *floats_at(memory, a.out, x, y) = make4(v, 0.0f);
 }
 
-/* ---- What the result lacks ------------------------------------------------------------------- */
+/* ---- What the result lacks, and the input mixed in ------------------------------------------- */
 
-/* out: sums of cells; sources: result, radiance, filtered albedo, noise. A group makes a
- * cell, each work item a column of it. */
+/* 1 if there are no features, so that some of the input is mixed in. */
+static int has_mixing(const lull_cl_filter *a)
+{
+    return !(a->flags & (LULL_CL_ALBEDO | LULL_CL_NORMAL));
+}
+
+/* out: LULL_CELL_PLANES sums of cells, the last two without features only; sources: result,
+ * radiance, filtered albedo, noise. A group makes a cell, each work item a column of it. */
 KERNEL(LULL_CELL, 1) residual(__global uchar *memory, __global const uchar *model, lull_cl_filter a)
 {
     __local float4 column[LULL_CELL];
+    __local float2 noise[LULL_CELL];
     int i = get_local_id(0), x = get_global_id(0), y = get_group_id(1) * (int)LULL_CELL;
-    int end = x < a.inside_width && !(a.flags & LULL_CL_CLIPPED)
-                  ? min(y + (int)LULL_CELL, a.inside_height)
-                  : 0; /* clipped radiance lacks light itself */
+    int end = x < a.inside_width ? min(y + (int)LULL_CELL, a.inside_height) : 0;
     float4 sum = (float4)(0.0f);
+    float2 codes = (float2)(0.0f);
     for (; y < end; y++) {
         float p[3], smooth[3], r[3], sums[LULL_CELL_SUMS];
+        uchar code = *bytes_at(memory, a.source[3], x, y);
+        codes += (float2)(1.0f, code);
+        if (a.flags & LULL_CL_CLIPPED) /* clipped radiance lacks light itself */
+            continue;
         get3(p, *floats_at(memory, a.source[0], x, y));
         get3(smooth, *floats_at(memory, a.source[2], x, y));
         get_radiance(r, memory, a.source[1], x, y);
         for (int c = 0; c < 3; c++)
             p[c] *= smooth[c];
-        lull_balance_of(sums, p, r, *bytes_at(memory, a.source[3], x, y));
+        lull_balance_of(sums, p, r, code);
         sum += (float4)(sums[0], sums[1], sums[2], sums[3]);
     }
     column[i] = sum;
+    noise[i] = codes;
     for (int columns = LULL_CELL / 2; columns; columns /= 2) {
         barrier(CLK_LOCAL_MEM_FENCE);
-        if (i < columns)
+        if (i < columns) {
             column[i] += column[i + columns];
+            noise[i] += noise[i + columns];
+        }
     }
-    if (i == 0)
-        *floats_at(memory, a.out, get_group_id(0), get_group_id(1)) = column[0];
+    if (i == 0) {
+        __global float *out = pixel_at(memory, a.out, get_group_id(0), get_group_id(1));
+        *(__global float4 *)out = column[0];
+        out[LULL_CELL_PIXELS] = noise[0].x;
+        out[LULL_CELL_NOISE] = noise[0].y;
+    }
 }
 
+static int is_cell(const lull_cl_filter *a, int x, int y)
+{
+    return x >= 0 && x < a->width && y >= 0 && y < a->height;
+}
 static float4 sums_at(__global uchar *memory, const lull_cl_filter *a, int x, int y)
 {
-    return x >= 0 && x < a->width && y >= 0 && y < a->height
-               ? *floats_at(memory, a->source[0], x, y)
-               : (float4)(0.0f);
+    return is_cell(a, x, y) ? *floats_at(memory, a->source[0], x, y) : (float4)(0.0f);
 }
 
-/* out: gains of cells, a float each; source: their sums. */
+/* The share of the input of a cell. */
+static float share_of(__global uchar *memory, const lull_cl_filter *a, int x, int y)
+{
+    float pixels = 0.0f, noise = 0.0f; /* whole numbers: exact */
+    for (int other = y - 1; other <= y + 1; other++)
+        for (int beside = x - 2; beside <= x + 2; beside++)
+            if (is_cell(a, beside, other)) {
+                __global const float *cell = pixel_at(memory, a->source[0], beside, other);
+                if (lull_is_noisy(cell[LULL_CELL_PIXELS], cell[LULL_CELL_NOISE])) {
+                    pixels += cell[LULL_CELL_PIXELS];
+                    noise += cell[LULL_CELL_NOISE];
+                }
+            }
+    return lull_input_share(pixels, noise);
+}
+
+/* out: gains of cells, and their shares of the input, two floats each; source: their sums. */
 KERNEL_OF_PIXELS gains(__global uchar *memory, __global const uchar *model, lull_cl_filter a)
 {
     int x = get_global_id(0), y = get_global_id(1);
@@ -202,35 +238,43 @@ KERNEL_OF_PIXELS gains(__global uchar *memory, __global const uchar *model, lull
                         sums_at(memory, &a, x + k, y + 1);
         sum = k == -2 ? column : sum + column;
     }
-    *pixel_at(memory, a.out, x, y) = lull_cell_gain(sum.x, sum.y, sum.z, sum.w);
+    pixel_at(memory, a.out, x, y)[0] = lull_cell_gain(sum.x, sum.y, sum.z, sum.w);
+    if (has_mixing(&a))
+        pixel_at(memory, a.out, x, y)[1] = share_of(memory, &a, x, y);
 }
 
-/* The gain of a column of cells between two rows of them. */
-static float gain_at(__global uchar *memory, lull_cl_tensor gains, int x, int above, int below,
-                     float part)
+/* Value k of cells at a pixel. */
+static float between_cells(__global uchar *memory, const lull_cl_filter *a, uint k, int x, int y)
 {
-    float first = *pixel_at(memory, gains, x, above);
-    return first + part * (*pixel_at(memory, gains, x, below) - first);
+    int across = (a->inside_width + (int)LULL_CELL - 1) / (int)LULL_CELL;
+    int down = (a->inside_height + (int)LULL_CELL - 1) / (int)LULL_CELL;
+    int above = lull_cell_near(LULL_CELL, y, 0, down), below = lull_cell_near(LULL_CELL, y, 1, down);
+    float part = lull_cell_part(LULL_CELL, y), column[2];
+    for (int i = 0; i < 2; i++) {
+        int cell = lull_cell_near(LULL_CELL, x, i, across);
+        float first = pixel_at(memory, a->source[1], cell, above)[k];
+        column[i] = first + part * (pixel_at(memory, a->source[1], cell, below)[k] - first);
+    }
+    return column[0] + lull_cell_part(LULL_CELL, x) * (column[1] - column[0]);
 }
 
-/* out: corrected result; sources: result, gains, noise. */
+/* out: corrected result; sources: result, gains, noise, radiance. */
 KERNEL_OF_PIXELS correct(__global uchar *memory, __global const uchar *model, lull_cl_filter a)
 {
     int x = get_global_id(0), y = get_global_id(1);
-    int across = (a.inside_width + (int)LULL_CELL - 1) / (int)LULL_CELL;
-    int down = (a.inside_height + (int)LULL_CELL - 1) / (int)LULL_CELL;
-    int above = lull_cell_near(LULL_CELL, y, 0, down);
-    int below = lull_cell_near(LULL_CELL, y, 1, down);
-    float before, after, w, g;
-    float4 v;
+    float w, v[3], r[3];
     if (x >= a.inside_width || y >= a.inside_height)
         return;
-    before = gain_at(memory, a.source[1], lull_cell_near(LULL_CELL, x, 0, across), above, below,
-                     lull_cell_part(LULL_CELL, y));
-    after = gain_at(memory, a.source[1], lull_cell_near(LULL_CELL, x, 1, across), above, below,
-                    lull_cell_part(LULL_CELL, y));
     w = *bytes_at(memory, a.source[2], x, y) * LULL_NOISE_SHARE;
-    g = (before + lull_cell_part(LULL_CELL, x) * (after - before)) * (w < 1.0f ? w : 1.0f);
-    v = *floats_at(memory, a.source[0], x, y);
-    *floats_at(memory, a.out, x, y) = v + v * g;
+    w = between_cells(memory, &a, 0, x, y) * (w < 1.0f ? w : 1.0f);
+    get3(v, *floats_at(memory, a.source[0], x, y));
+    for (int c = 0; c < 3; c++)
+        v[c] += v[c] * w;
+    if (has_mixing(&a)) {
+        float share = between_cells(memory, &a, 1, x, y);
+        get_radiance(r, memory, a.source[3], x, y);
+        for (int c = 0; c < 3; c++)
+            v[c] += share * (r[c] - v[c]);
+    }
+    *floats_at(memory, a.out, x, y) = make4(v, 0.0f);
 }

@@ -27,20 +27,24 @@ def test_sums_of_the_filter_are_their_definition():
 @pytest.mark.parametrize("has_normal", [False, True])
 @pytest.mark.parametrize("clipped", [False, True])
 @pytest.mark.parametrize("bilateral", sorted(kernel.LAST_STEPS))
-def test_filter_of_torch_equals_the_reference(bilateral, clipped, has_normal):
+@pytest.mark.parametrize("has_albedo", [False, True])
+def test_filter_of_torch_equals_the_reference(bilateral, clipped, has_normal, has_albedo):
     """Same heads, same picture: PyTorch's filter and the bit-exact one differ by rounding only."""
     rng = np.random.default_rng(2)
     codes = [rng.integers(100, 256, (32 >> s, 48 >> s, w)).astype(np.uint8)
              for s, w in enumerate(kernel_net.HEAD_WIDTHS)]
     radiance = rng.random((32, 48, 3), np.float32) * 5
+    radiance[:, 16:] = 2 + 0.1 * radiance[:, 16:]  # little noise
     albedo = rng.random((32, 48, 3), np.float32)
     normal = rng.random((32, 48, 3), np.float32) * 2 - 1
     inputs = rng.integers(0, 256, (32, 48, 12)).astype(np.uint8)
-    inputs[..., 10], inputs[..., 11] = 255 * has_normal, 255 * clipped
-    expected = kernel.apply_filter(codes, radiance, albedo, normal if has_normal else None,
-                                   guide_of(inputs), bilateral, clipped)
+    inputs[..., 9:] = 255 * np.array([has_albedo, has_normal, clipped])
+    expected = kernel.apply_filter(codes, radiance, albedo if has_albedo else None,
+                                   normal if has_normal else None, guide_of(inputs), bilateral,
+                                   clipped)
     heads = [torch.from_numpy(c.transpose(2, 0, 1)[None].astype(np.float32) / 16) for c in codes]
-    batch = [*(tensor(a) for a in (radiance, albedo)), torch.ones(1, 1, 32, 48)]
+    batch = [*(tensor(a) for a in (radiance, albedo)),
+             torch.full((1, 1, 32, 48), float(has_albedo))]
     filtered = kernel_filter.apply_filter(heads, *batch)
     got = kernel_filter.smooth_result(*filtered, batch[0], tensor(inputs.astype(np.float32)),
                                       tensor(normal * has_normal), heads[0], bilateral)

@@ -1,4 +1,4 @@
-"""The last steps of family K's filter: smoothing along the result, and what it lacks."""
+"""The last steps of family K's filter: smoothing along the result, what it lacks, and mixing."""
 from __future__ import annotations
 
 import numpy as np
@@ -218,3 +218,62 @@ def test_correction_is_its_definition():
         expected[y, x] = out[y, x] * (1 + ((1 - fy % 1) * a + fy % 1 * b) * share[y, x])
     np.testing.assert_allclose(last.corrected(out, smooth, noise[..., None], radiance), expected,
                                rtol=1e-5)
+
+
+def textured(height: int, width: int, noise: float) -> list[np.ndarray]:
+    """A result that lost a texture, noise codes of about `noise`, and the radiance."""
+    rng = np.random.default_rng(8)
+    out = np.linspace(0.5, 1, 3 * height * width).reshape(height, width, 3)
+    codes = np.clip(noise * rng.uniform(0.5, 1.5, (height, width, 1)), 0, 255)
+    radiance = out * (1 + codes / 384 * rng.normal(size=out.shape))
+    return [out.astype(np.float32), codes.astype(np.uint8), radiance.astype(np.float32)]
+
+
+@pytest.mark.parametrize("height, width", [(48, 80), (5, 3), (1, 1), (33, 130)])
+@pytest.mark.parametrize("noise", [0.5, 8, 16, 20])
+def test_mixing_of_torch_equals_the_reference(height, width, noise):
+    images = textured(height, width, noise)
+    images[1][:, width // 2:] //= 2
+    got = picture(kernel_filter.mixed(*(tensor(v.astype(np.float32)) for v in images)))
+    expected = last.mixed(*images)
+    assert expected.dtype == np.float32
+    np.testing.assert_allclose(got, expected, rtol=3e-6)
+
+
+@pytest.mark.parametrize("code, share", [(0, 0.5), (12, 0.5), (18, 0.25), (24, 0), (255, 0)])
+def test_share_of_the_input_falls_with_the_noise(code, share):
+    out = np.zeros((40, 90, 3), np.float32)
+    got = last.mixed(out, np.full((40, 90, 1), code, np.uint8), np.ones_like(out))
+    np.testing.assert_allclose(got, share, atol=1e-6)
+
+
+def test_cells_without_noise_do_not_hide_that_of_others():
+    """A sky beside a wall: the wall's noise counts in full, at 24 and within the sky's windows."""
+    out, noise = np.zeros((64, 160, 3), np.float32), np.zeros((64, 160, 1), np.uint8)
+    noise[:, :80] = 24
+    got = last.mixed(out, noise, np.ones_like(out))
+    assert not got[:, :100].any() and np.allclose(got[:, 130:], 0.5)
+
+
+def test_mixing_is_its_definition():
+    """Cell by cell in double precision."""
+    out, noise, radiance = textured(40, 90, 16)
+    noise[:, 60:] //= 40  # a mean below 1
+    cells = np.zeros((2, 3 + 2, 6 + 4))
+    for y, x in np.ndindex(out.shape[:2]):
+        cells[:, y // 16 + 1, x // 16 + 2] += (1, noise[y, x, 0])
+    cells *= cells[1] >= cells[0]
+    share = np.empty((3, 6))
+    for j, i in np.ndindex(3, 6):
+        pixels, codes = cells[:, j:j + 3, i:i + 5].sum((1, 2))
+        share[j, i] = min(max(1 - (codes / pixels if pixels else 0) / 24, 0), 0.5)
+    expected = np.empty(out.shape)
+    for y, x in np.ndindex(out.shape[:2]):
+        fy, fx = (y + 8.5) / 16, (x + 8.5) / 16
+        rows = [min(max(int(fy) + k, 0), 2) for k in (-1, 0)]
+        columns = [min(max(int(fx) + k, 0), 5) for k in (-1, 0)]
+        a, b = ((1 - fx % 1) * share[j, columns[0]] + fx % 1 * share[j, columns[1]] for j in rows)
+        s = (1 - fy % 1) * a + fy % 1 * b
+        expected[y, x] = out[y, x] + s * (radiance[y, x] - out[y, x])
+    assert 0 < np.ptp(share)
+    np.testing.assert_allclose(last.mixed(out, noise, radiance), expected, rtol=1e-6)
