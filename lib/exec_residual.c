@@ -42,7 +42,7 @@ static void add_rows(float *sums, const lull_task *t, unsigned x, unsigned end, 
     }
 }
 
-/* Pixels of n cells and sums of their noise codes. */
+/* Pixels of n cells and sums of their noise codes, of those that have noise. */
 static void sum_noise(float *out, const lull_task *t, unsigned x, unsigned y, unsigned n)
 {
     const lull_plan *plan = t->plan;
@@ -57,8 +57,8 @@ static void sum_noise(float *out, const lull_task *t, unsigned x, unsigned y, un
             for (unsigned k = 0; k < right - left; k++)
                 sum += noise[k];
         }
-        out[LULL_CELL_PIXELS * plane + i] = (float)pixels;
-        out[LULL_CELL_NOISE * plane + i] = (float)sum;
+        out[LULL_CELL_PIXELS * plane + i] = (float)lull_noisy(pixels, pixels, sum);
+        out[LULL_CELL_NOISE * plane + i] = (float)lull_noisy(sum, pixels, sum);
     }
 }
 
@@ -94,13 +94,14 @@ typedef struct cell_rows {
 
 enum { SOME = 16 }; /* cells at once */
 
-/* Gains of n cells from column x on of one of the two rows: of each three rows by five columns of
- * cells around it. */
-static void find_row(float *gain, const cell_rows *cells, unsigned row, int x, unsigned n)
+/* Sums over each three rows by five columns of cells around n of them from column x on of one of
+ * the two rows: `count` planes from `plane` on. */
+static void sum_around(float (*sums)[SOME], unsigned plane, unsigned count, const cell_rows *cells,
+                       unsigned row, int x, unsigned n)
 {
-    float sums[LULL_CELL_SUMS][SOME], column[SOME + 4];
-    for (unsigned c = 0; c < LULL_CELL_SUMS; c++) {
-        size_t at = c * cells->plane;
+    float column[SOME + 4];
+    for (unsigned c = 0; c < count; c++) {
+        size_t at = (plane + c) * cells->plane;
         const float *above = cells->rows[row][0] + at + x, *here = cells->rows[row][1] + at + x;
         const float *below = cells->rows[row][2] + at + x;
         for (int k = 0; k < (int)n + 4; k++)
@@ -109,29 +110,27 @@ static void find_row(float *gain, const cell_rows *cells, unsigned row, int x, u
             sums[c][k] = (((column[k] + column[k + 1]) + column[k + 2]) + column[k + 3]) +
                          column[k + 4];
     }
+}
+
+static void find_row(float *gain, const cell_rows *cells, unsigned row, int x, unsigned n)
+{
+    float sums[LULL_CELL_SUMS][SOME];
+    sum_around(sums, 0, LULL_CELL_SUMS, cells, row, x, n);
     for (unsigned k = 0; k < n; k++)
         gain[k] = lull_cell_gain(sums[0][k], sums[1][k], sums[2][k], sums[3][k]);
 }
 
-/* Shares of the input alike. */
 static void find_row_shares(float *share, const cell_rows *cells, unsigned row, int x, unsigned n)
 {
-    for (int k = 0; k < (int)n; k++) {
-        float pixels = 0.0f, noise = 0.0f; /* whole numbers: exact */
-        for (unsigned i = 0; i < 15; i++) {
-            const float *cell = cells->rows[row][i / 5] + x + k + (int)(i % 5) - 2;
-            float here = cell[LULL_CELL_PIXELS * cells->plane];
-            float codes = cell[LULL_CELL_NOISE * cells->plane];
-            if (lull_is_noisy(here, codes))
-                pixels += here, noise += codes;
-        }
-        share[k] = lull_input_share(pixels, noise);
-    }
+    float sums[2][SOME];
+    sum_around(sums, LULL_CELL_PIXELS, 2, cells, row, x, n);
+    for (unsigned k = 0; k < n; k++)
+        share[k] = lull_input_share(sums[0][k], sums[1][k]);
 }
 
 typedef void find_row_fn(float *values, const cell_rows *cells, unsigned row, int x, unsigned n);
 
-/* The same of both, for a row of pixels. */
+/* Gains or shares of n cells, between those of both rows, for a row of pixels. */
 static void find_cells(float *values, find_row_fn *find, const cell_rows *cells, int x, unsigned n)
 {
     float below[SOME];
@@ -210,7 +209,7 @@ void lull_exec_correct(const lull_task *t, unsigned x, unsigned y, unsigned n, u
             near = near < first ? first : near;
             correct(out + x, out_plane, v + x, plane, noise + x, gain[near - first],
                     gain[next - first], at, count);
-            if (has_mixing(&plan->frame)) {
+            if (has_mixing(&plan->frame) && share[near - first] + share[next - first] > 0.0f) {
                 lull_exec_radiance(&from, t, lull_exec_scratch(t, worker), at, y, count);
                 mix(out + x, out_plane, &from, share[near - first], share[next - first], at, count);
             }

@@ -328,8 +328,8 @@ LULL_INLINE float lull_cell_gain(float q, float squares, float base, float spark
 }
 
 /* The share of the input that images without features get of it instead: half of it at most, none
- * where the mean noise code is 24 or more, from sums over the cells of `lull_is_noisy` around: of
- * their pixels, and of the codes. */
+ * where the mean noise code is 24 or more, from sums over the noisy cells around: of their pixels,
+ * and of the codes. */
 #define LULL_SHARE_PER_NOISE 0.041666668f
 #define LULL_MOST_MIXED 0.5f
 LULL_INLINE float lull_input_share(float pixels, float noise)
@@ -339,7 +339,10 @@ LULL_INLINE float lull_input_share(float pixels, float noise)
     return share < LULL_MOST_MIXED ? share : LULL_MOST_MIXED;
 }
 
-/* 1 for a cell whose mean noise code is not below 1, as that of sky and lamps is. */
-LULL_INLINE int lull_is_noisy(float pixels, float noise) { return noise >= pixels; }
+/* What counts of a cell, 0 where the mean noise code is below 1, as that of sky and lamps is. */
+LULL_INLINE uint32_t lull_noisy(uint32_t v, uint32_t pixels, uint32_t noise)
+{
+    return noise < pixels ? 0 : v;
+}
 
 #endif

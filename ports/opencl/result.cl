@@ -165,15 +165,15 @@ static int has_mixing(const lull_cl_filter *a)
 KERNEL(LULL_CELL, 1) residual(__global uchar *memory, __global const uchar *model, lull_cl_filter a)
 {
     __local float4 column[LULL_CELL];
-    __local float2 noise[LULL_CELL];
+    __local uint2 noise[LULL_CELL];
     int i = get_local_id(0), x = get_global_id(0), y = get_group_id(1) * (int)LULL_CELL;
     int end = x < a.inside_width ? min(y + (int)LULL_CELL, a.inside_height) : 0;
     float4 sum = (float4)(0.0f);
-    float2 codes = (float2)(0.0f);
+    uint2 codes = (uint2)(0u);
     for (; y < end; y++) {
         float p[3], smooth[3], r[3], sums[LULL_CELL_SUMS];
         uchar code = *bytes_at(memory, a.source[3], x, y);
-        codes += (float2)(1.0f, code);
+        codes += (uint2)(1u, code);
         if (a.flags & LULL_CL_CLIPPED) /* clipped radiance lacks light itself */
             continue;
         get3(p, *floats_at(memory, a.source[0], x, y));
@@ -196,8 +196,8 @@ KERNEL(LULL_CELL, 1) residual(__global uchar *memory, __global const uchar *mode
     if (i == 0) {
         __global float *out = pixel_at(memory, a.out, get_group_id(0), get_group_id(1));
         *(__global float4 *)out = column[0];
-        out[LULL_CELL_PIXELS] = noise[0].x;
-        out[LULL_CELL_NOISE] = noise[0].y;
+        out[LULL_CELL_PIXELS] = (float)lull_noisy(noise[0].x, noise[0].x, noise[0].y);
+        out[LULL_CELL_NOISE] = (float)lull_noisy(noise[0].y, noise[0].x, noise[0].y);
     }
 }
 
@@ -218,10 +218,8 @@ static float share_of(__global uchar *memory, const lull_cl_filter *a, int x, in
         for (int beside = x - 2; beside <= x + 2; beside++)
             if (is_cell(a, beside, other)) {
                 __global const float *cell = pixel_at(memory, a->source[0], beside, other);
-                if (lull_is_noisy(cell[LULL_CELL_PIXELS], cell[LULL_CELL_NOISE])) {
-                    pixels += cell[LULL_CELL_PIXELS];
-                    noise += cell[LULL_CELL_NOISE];
-                }
+                pixels += cell[LULL_CELL_PIXELS];
+                noise += cell[LULL_CELL_NOISE];
             }
     return lull_input_share(pixels, noise);
 }
