@@ -160,7 +160,7 @@ static int has_mixing(const lull_cl_filter *a)
     return !(a->flags & (LULL_CL_ALBEDO | LULL_CL_NORMAL));
 }
 
-/* out: LULL_CELL_PLANES sums of cells, the last two without features only; sources: result,
+/* out: LULL_CELL_PLANES sums of cells, the last two for images without features; sources: result,
  * radiance, filtered albedo, noise. A group makes a cell, each work item a column of it. */
 KERNEL(LULL_CELL, 1) residual(__global uchar *memory, __global const uchar *model, lull_cl_filter a)
 {
