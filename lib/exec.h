@@ -140,6 +140,9 @@ void lull_exec_finish(float *v, const lull_plan *plan, unsigned channels, unsign
 void lull_exec_radiance(lull_encoding *from, const lull_task *t, float *block, unsigned x,
                         unsigned y, unsigned n);
 
+/* 1 if there is an albedo or a normal beside the main image. */
+int lull_exec_has_features(const lull_plan *plan);
+
 /* Memory of a worker: lull_plan.scratch_bytes of it. */
 void *lull_exec_scratch(const lull_task *t, unsigned worker);
 

@@ -19,6 +19,11 @@ lull_content_rule lull_exec_content(const lull_frame *frame)
     return rule;
 }
 
+int lull_exec_has_features(const lull_plan *plan)
+{
+    return (plan->frame.features & (plan->frame.features - 1)) != 0; /* the main image is one bit */
+}
+
 /* The network sees linear light, but the main image is sRGB-encoded. */
 static int is_decoded(const lull_plan *plan)
 {

@@ -2,11 +2,6 @@
  * input and result, by cells of pixels (bilateral.h). */
 #include "exec.h"
 
-static int has_features(const lull_plan *plan)
-{
-    return lull_plan_has(plan, LULL_TENSOR_ALBEDO) || lull_plan_has(plan, LULL_TENSOR_NORMAL);
-}
-
 /* Cells that `pixels` lie in. */
 static unsigned cells_of(unsigned pixels) { return (pixels + LULL_FIT_SIDE - 1) / LULL_FIT_SIDE; }
 
@@ -50,7 +45,7 @@ void lull_exec_fit_sums(const lull_task *t, unsigned x, unsigned y, unsigned n, 
     float *block = lull_exec_scratch(t, worker), *sums = block + 3 * LULL_BLOCK;
     float *out = lull_exec_floats(plan, t->layer + 1, y, x);
     size_t plane = lull_exec_plane(plan, t->layer + 1);
-    if (!has_features(plan))
+    if (!lull_exec_has_features(plan))
         return;
     for (unsigned c = 0; c < LULL_FIT_SUMS; c++)
         memset(out + c * plane, 0, n * sizeof *out);
@@ -70,7 +65,7 @@ void lull_exec_fit(const lull_task *t, unsigned x, unsigned y, unsigned n, unsig
     unsigned source = plan->model->graph.layer[t->layer].source[0];
     unsigned cells = cells_of(lull_exec_inside(t));
     const float *rows[3];
-    if (!has_features(plan) || y >= cells_of(plan->frame.height) || x >= cells)
+    if (!lull_exec_has_features(plan) || y >= cells_of(plan->frame.height) || x >= cells)
         return;
     for (int k = 0; k < 3; k++)
         rows[k] = (const float *)(const void *)lull_exec_source(plan, source, (int)y + k - 1) + x;
@@ -133,7 +128,7 @@ void lull_exec_regress(const lull_task *t, unsigned x, unsigned y, unsigned n, u
         r.smooth = lull_exec_floats(plan, source[1], y, x);
         r.normal = lull_exec_floats(plan, source[2], y, x);
         r.pixels = lull_min_u(SOME * LULL_FIT_SIDE, end - x);
-        if (has_features(plan)) {
+        if (lull_exec_has_features(plan)) {
             find_coefficients(coefficients, t, (int)(x / LULL_FIT_SIDE), y,
                               LULL_FIT_ROOM(r.pixels));
             plan->model->kernels.regress(&r);

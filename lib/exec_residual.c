@@ -2,12 +2,6 @@
  * in images without features, a share of the input where it has little noise. */
 #include "exec.h"
 
-/* 1 if the input is mixed in: albedo and normals would tell texture from noise. */
-static int has_mixing(const lull_frame *frame)
-{
-    return (frame->features & (frame->features - 1)) == 0;
-}
-
 /* The sum of 16 columns. */
 static float sum_columns(float *v)
 {
@@ -72,7 +66,7 @@ void lull_exec_residual(const lull_task *t, unsigned x, unsigned y, unsigned n, 
     size_t plane = lull_exec_plane(plan, t->layer + 1);
     for (unsigned c = 0; c < LULL_CELL_SUMS; c++)
         memset(out + c * plane, 0, n * sizeof *out);
-    if (has_mixing(&plan->frame))
+    if (!lull_exec_has_features(plan))
         sum_noise(out, t, x, y, n);
     if (!lull_exec_content(&plan->frame).is_hdr) /* clipped input lacks light itself */
         return;
@@ -112,7 +106,10 @@ static void sum_around(float (*sums)[SOME], unsigned plane, unsigned count, cons
     }
 }
 
-static void find_row(float *gain, const cell_rows *cells, unsigned row, int x, unsigned n)
+typedef void find_row_fn(float *values, const cell_rows *cells, unsigned row, int x, unsigned n);
+
+/* Gains of these cells. */
+static void find_row_gains(float *gain, const cell_rows *cells, unsigned row, int x, unsigned n)
 {
     float sums[LULL_CELL_SUMS][SOME];
     sum_around(sums, 0, LULL_CELL_SUMS, cells, row, x, n);
@@ -120,6 +117,7 @@ static void find_row(float *gain, const cell_rows *cells, unsigned row, int x, u
         gain[k] = lull_cell_gain(sums[0][k], sums[1][k], sums[2][k], sums[3][k]);
 }
 
+/* Their shares of the input. */
 static void find_row_shares(float *share, const cell_rows *cells, unsigned row, int x, unsigned n)
 {
     float sums[2][SOME];
@@ -127,8 +125,6 @@ static void find_row_shares(float *share, const cell_rows *cells, unsigned row, 
     for (unsigned k = 0; k < n; k++)
         share[k] = lull_input_share(sums[0][k], sums[1][k]);
 }
-
-typedef void find_row_fn(float *values, const cell_rows *cells, unsigned row, int x, unsigned n);
 
 /* Gains or shares of n cells, between those of both rows, for a row of pixels. */
 static void find_cells(float *values, find_row_fn *find, const cell_rows *cells, int x, unsigned n)
@@ -140,6 +136,12 @@ static void find_cells(float *values, find_row_fn *find, const cell_rows *cells,
         values[k] += cells->part * (below[k] - values[k]);
 }
 
+/* A value of pixel i between the centres of two cells; pixel 0 lies at `first` on the way. */
+static float value_at(float before, float after, float first, unsigned i)
+{
+    return before + (first + (float)i * (1.0f / LULL_CELL)) * (after - before);
+}
+
 /* n pixels between the centres of two cells whose gains are given. */
 static void correct(float *out, size_t out_plane, const float *v, size_t plane,
                     const uint8_t *noise, float before, float after, unsigned x, unsigned n)
@@ -147,8 +149,7 @@ static void correct(float *out, size_t out_plane, const float *v, size_t plane,
     float first = lull_cell_part(LULL_CELL, (int)x), g[LULL_CELL];
     for (unsigned i = 0; i < n; i++) {
         float w = noise[i] * LULL_NOISE_SHARE;
-        g[i] = (before + (first + (float)i * (1.0f / LULL_CELL)) * (after - before)) *
-               (w < 1.0f ? w : 1.0f);
+        g[i] = value_at(before, after, first, i) * (w < 1.0f ? w : 1.0f);
     }
     for (unsigned c = 0; c < 3; c++, out += out_plane, v += plane)
         for (unsigned i = 0; i < n; i++)
@@ -161,7 +162,7 @@ static void mix(float *out, size_t plane, const lull_encoding *from, float befor
 {
     float first = lull_cell_part(LULL_CELL, (int)x);
     for (unsigned i = 0; i < n; i++) {
-        float share = before + (first + (float)i * (1.0f / LULL_CELL)) * (after - before);
+        float share = value_at(before, after, first, i);
         for (unsigned c = 0; c < 3; c++) {
             float *v = out + c * plane + i;
             float r = lull_sane(from->radiance[3 * i + c], from->scale, 0.0f, from->most);
@@ -180,6 +181,7 @@ void lull_exec_correct(const lull_task *t, unsigned x, unsigned y, unsigned n, u
     size_t plane = lull_exec_plane(plan, tensor), out_plane = lull_exec_plane(plan, t->layer + 1);
     unsigned end = y < plan->frame.height ? lull_min_u(x + n, width) : 0;
     int held = (int)(t->left / LULL_CELL); /* the first cell that is */
+    int mixes = !lull_exec_has_features(plan);
     float *out = lull_exec_floats(plan, t->layer + 1, y, 0);
     const float *v = lull_exec_floats(plan, tensor, y, 0);
     const uint8_t *noise = lull_exec_noise(plan, tensor, y, 0);
@@ -197,8 +199,8 @@ void lull_exec_correct(const lull_task *t, unsigned x, unsigned y, unsigned n, u
         float gain[SOME], share[SOME];
         first = first < held ? held : first;
         last = lull_cell_near(LULL_CELL, (int)(t->left + stop) - 1, 1, across);
-        find_cells(gain, find_row, &cells, first - held, (unsigned)(last - first) + 1);
-        if (has_mixing(&plan->frame))
+        find_cells(gain, find_row_gains, &cells, first - held, (unsigned)(last - first) + 1);
+        if (mixes)
             find_cells(share, find_row_shares, &cells, first - held, (unsigned)(last - first) + 1);
         while (x < stop) {
             unsigned at = t->left + x;
@@ -209,7 +211,7 @@ void lull_exec_correct(const lull_task *t, unsigned x, unsigned y, unsigned n, u
             near = near < first ? first : near;
             correct(out + x, out_plane, v + x, plane, noise + x, gain[near - first],
                     gain[next - first], at, count);
-            if (has_mixing(&plan->frame) && share[near - first] + share[next - first] > 0.0f) {
+            if (mixes && share[near - first] + share[next - first] > 0.0f) {
                 lull_exec_radiance(&from, t, lull_exec_scratch(t, worker), at, y, count);
                 mix(out + x, out_plane, &from, share[near - first], share[next - first], at, count);
             }

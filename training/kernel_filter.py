@@ -20,6 +20,7 @@ from export.smooth import (BALANCE_EPS, CELL, FAR_OFFSETS, GUIDE_GAIN, LEAST_NOI
                            RESULT_GAIN, SHARE_PER_NOISE, SPARK, SPARKS_LEAST, SPARKS_SQUARED,
                            WIDTH_MAX, WIDTH_MIN, WIDTH_PER_CODE)
 from training import fused, regression
+from training.cells import between, cell_means
 
 SIDE, RADIUS, TAPS = 5, 2, 25
 LEVELS = 5
@@ -235,40 +236,28 @@ def corrected(out: Tensor, smooth: Tensor, noise: Tensor, radiance: Tensor) -> T
     share = (noise * float(NOISE_SHARE)).clamp(max=1.0)
     lit = (q - float(SPARK)).clamp(0.0, 1.0)
     sums = torch.cat((q, q.square(), v / level * share, lit), 1)
-    sums = sums_around(cell_means(sums)) * CELL**2
+    sums = sums_around(cell_means(sums, CELL)) * CELL**2
     q, squares, base, lit = sums.split(1, 1)
     share_sure = (1.0 - squares / (q.square() + 1e-6)).clamp(min=0.0)
     most = float(SPARKS_LEAST) + float(SPARKS_SQUARED) * lit.square()
     gain = share_sure * torch.minimum(q, most) / (base + 32.0)
     gain = gain.clamp(-float(MOST_GAIN), float(MOST_GAIN))
-    return out + out * (between(gain, out.shape) * share)
+    return out + out * (between(gain, out.shape, CELL) * share)
 
 
 def mixed(out: Tensor, noise: Tensor, radiance: Tensor) -> Tensor:
     """export.smooth.mixed of tensors [N,C,H,W]."""
-    pixels, codes = cell_means(torch.cat((torch.ones_like(noise), noise), 1)).split(1, 1)
+    pixels, codes = cell_means(torch.cat((torch.ones_like(noise), noise), 1), CELL).split(1, 1)
     is_noisy = codes >= float(LEAST_NOISE) * pixels
     pixels, codes = sums_around(torch.cat((pixels, codes), 1) * is_noisy).split(1, 1)
     mean = codes / pixels.clamp(min=1e-6)
     share = (1.0 - mean * float(SHARE_PER_NOISE)).clamp(0.0, float(MOST_MIXED))
-    return out + between(share, out.shape) * (radiance - out)
-
-
-def cell_means(v: Tensor) -> Tensor:
-    """Means over cells of what counts 0 outside the image, [N,C,H,W]."""
-    h, w = v.shape[-2:]
-    return F.avg_pool2d(F.pad(v, (0, -w % CELL, 0, -h % CELL)), CELL)
+    return out + between(share, out.shape, CELL) * (radiance - out)
 
 
 def sums_around(v: Tensor) -> Tensor:
     """export.smooth.sums_around of a tensor [N,C,H,W]."""
     return F.avg_pool2d(v, (3, 5), stride=1, padding=(1, 2)) * 15
-
-
-def between(v: Tensor, shape: torch.Size) -> Tensor:
-    """Values of cells at the pixels of [N,C,H,W]."""
-    v = F.interpolate(v, scale_factor=CELL, mode="bilinear", align_corners=False)
-    return v[..., :shape[-2], :shape[-1]]
 
 
 def logits_of(q: Tensor, whole: bool = True) -> Tensor:

@@ -7,6 +7,7 @@ from torch import Tensor
 
 from export.regression import (CHANNELS, EPS, FEATURES, MOST, MOST_REST, RIDGE, RIDGE_OF_NOISE,
                                SIDE)
+from training.cells import between, cell_means
 
 
 def features_of(normal: Tensor, smooth: Tensor) -> Tensor:
@@ -65,10 +66,8 @@ def coefficients(sums: Tensor) -> Tensor:
 
 def regressed(out: Tensor, smooth: Tensor, features: Tensor, radiance: Tensor) -> Tensor:
     """export.regression.regressed of tensors [N,C,H,W]."""
-    h, w = out.shape[-2:]
-    v = F.pad(products(out, smooth, features, radiance), (0, -w % SIDE, 0, -h % SIDE))
-    k = coefficients(windows(F.avg_pool2d(v, SIDE)))
-    k = F.interpolate(k, scale_factor=SIDE, mode="bilinear", align_corners=False)[..., :h, :w]
+    sums = windows(cell_means(products(out, smooth, features, radiance), SIDE))
+    k = between(coefficients(sums), out.shape, SIDE)
     *slopes, share = k.split(CHANNELS, 1)
     for f, slope in zip(features.split(1, 1), slopes, strict=True):
         share = share + f * slope

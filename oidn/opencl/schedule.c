@@ -228,7 +228,7 @@ static int is_left_out(const lull_cl_schedule *s, const lull_layer *layer)
         return !(s->flags & LULL_CL_NORMAL);
     return (layer->op == LULL_OP_FIT_SUMS || layer->op == LULL_OP_FIT ||
             layer->op == LULL_OP_REGRESS) &&
-           !(s->flags & (LULL_CL_ALBEDO | LULL_CL_NORMAL));
+           !(s->flags & LULL_CL_FEATURES);
 }
 
 /* The tensor that stands for another, mostly itself: where there is no regression the result before

@@ -48,6 +48,7 @@ typedef struct lull_cl_conv {
 /* What the filter's kernels have to know. */
 #define LULL_CL_ALBEDO 1u  /* there is an albedo beside the main image */
 #define LULL_CL_NORMAL 2u  /* there are normals */
+#define LULL_CL_FEATURES (LULL_CL_ALBEDO | LULL_CL_NORMAL)
 #define LULL_CL_CLIPPED 4u /* the main image's radiance is clipped to [0,1] */
 #define LULL_CL_NOISE 8u   /* codes of the noise are asked for */
 #define LULL_CL_FAR 16u    /* the smoothing looks at the pixels farthest away, too */

@@ -44,6 +44,40 @@ KERNEL_OF_PIXELS bilateral(__global uchar *memory, __global const uchar *model, 
     *floats_at(memory, a.out, x, y) = make4(v, 0.0f);
 }
 
+/* ---- Cells of side x side pixels ------------------------------------------------------------- */
+
+/* The four cells between whose centres a pixel lies, the nearest where there is none, and how far it
+ * lies on the way. */
+typedef struct cell_place {
+    int left, right, above, below;
+    float across, down;
+} cell_place;
+
+static cell_place place_between(uint side, const lull_cl_filter *a, int x, int y)
+{
+    int columns = (a->inside_width + (int)side - 1) / (int)side;
+    int rows = (a->inside_height + (int)side - 1) / (int)side;
+    cell_place at;
+    at.left = lull_cell_near(side, x, 0, columns);
+    at.right = lull_cell_near(side, x, 1, columns);
+    at.above = lull_cell_near(side, y, 0, rows);
+    at.below = lull_cell_near(side, y, 1, rows);
+    at.across = lull_cell_part(side, x);
+    at.down = lull_cell_part(side, y);
+    return at;
+}
+
+/* Value k of cells there: first down, then across. */
+static float value_between(__global uchar *memory, lull_cl_tensor cells, const cell_place *at,
+                           uint k)
+{
+    float before = pixel_at(memory, cells, at->left, at->above)[k];
+    float after = pixel_at(memory, cells, at->right, at->above)[k];
+    before += at->down * (pixel_at(memory, cells, at->left, at->below)[k] - before);
+    after += at->down * (pixel_at(memory, cells, at->right, at->below)[k] - after);
+    return before + at->across * (after - before);
+}
+
 /* ---- Regression ------------------------------------------------------------------------------ */
 
 /* Features and divisor of a pixel; of `regress` and `fit_sums`, whose sources 1 and 2 are filtered
@@ -127,24 +161,12 @@ KERNEL_OF_PIXELS fit(__global uchar *memory, __global const uchar *model, lull_c
 KERNEL_OF_PIXELS regress(__global uchar *memory, __global const uchar *model, lull_cl_filter a)
 {
     int x = get_global_id(0), y = get_global_id(1);
-    int across = (a.inside_width + (int)LULL_FIT_SIDE - 1) / (int)LULL_FIT_SIDE;
-    int down = (a.inside_height + (int)LULL_FIT_SIDE - 1) / (int)LULL_FIT_SIDE;
-    int above = lull_cell_near(LULL_FIT_SIDE, y, 0, down);
-    int below = lull_cell_near(LULL_FIT_SIDE, y, 1, down);
-    int left = lull_cell_near(LULL_FIT_SIDE, x, 0, across);
-    int right = lull_cell_near(LULL_FIT_SIDE, x, 1, across);
-    float part = lull_cell_part(LULL_FIT_SIDE, y), part_across = lull_cell_part(LULL_FIT_SIDE, x);
+    cell_place at = place_between(LULL_FIT_SIDE, &a, x, y);
     float v[3], smooth[3], f[LULL_FIT_FEATURES], b[LULL_FIT_COEFFICIENTS];
-    lull_cl_tensor fits = a.source[3];
     if (x >= a.inside_width || y >= a.inside_height)
         return;
-    for (uint k = 0; k < LULL_FIT_COEFFICIENTS; k++) { /* first down, then across */
-        float before = pixel_at(memory, fits, left, above)[k];
-        float after = pixel_at(memory, fits, right, above)[k];
-        before += part * (pixel_at(memory, fits, left, below)[k] - before);
-        after += part * (pixel_at(memory, fits, right, below)[k] - after);
-        b[k] = before + part_across * (after - before);
-    }
+    for (uint k = 0; k < LULL_FIT_COEFFICIENTS; k++)
+        b[k] = value_between(memory, a.source[3], &at, k);
     get_features(f, smooth, memory, &a, x, y);
     get3(v, *floats_at(memory, a.source[0], x, y));
     for (int c = 0; c < 3; c++)
@@ -153,12 +175,6 @@ KERNEL_OF_PIXELS regress(__global uchar *memory, __global const uchar *model, lu
 }
 
 /* ---- What the result lacks, and the input mixed in ------------------------------------------- */
-
-/* 1 if there are no features, so that some of the input is mixed in. */
-static int has_mixing(const lull_cl_filter *a)
-{
-    return !(a->flags & (LULL_CL_ALBEDO | LULL_CL_NORMAL));
-}
 
 /* out: LULL_CELL_PLANES sums of cells, the last two for images without features; sources: result,
  * radiance, filtered albedo, noise. A group makes a cell, each work item a column of it. */
@@ -237,39 +253,25 @@ KERNEL_OF_PIXELS gains(__global uchar *memory, __global const uchar *model, lull
         sum = k == -2 ? column : sum + column;
     }
     pixel_at(memory, a.out, x, y)[0] = lull_cell_gain(sum.x, sum.y, sum.z, sum.w);
-    if (has_mixing(&a))
+    if (!(a.flags & LULL_CL_FEATURES)) /* some of the input is mixed in */
         pixel_at(memory, a.out, x, y)[1] = share_of(memory, &a, x, y);
-}
-
-/* Value k of cells at a pixel. */
-static float between_cells(__global uchar *memory, const lull_cl_filter *a, uint k, int x, int y)
-{
-    int across = (a->inside_width + (int)LULL_CELL - 1) / (int)LULL_CELL;
-    int down = (a->inside_height + (int)LULL_CELL - 1) / (int)LULL_CELL;
-    int above = lull_cell_near(LULL_CELL, y, 0, down), below = lull_cell_near(LULL_CELL, y, 1, down);
-    float part = lull_cell_part(LULL_CELL, y), column[2];
-    for (int i = 0; i < 2; i++) {
-        int cell = lull_cell_near(LULL_CELL, x, i, across);
-        float first = pixel_at(memory, a->source[1], cell, above)[k];
-        column[i] = first + part * (pixel_at(memory, a->source[1], cell, below)[k] - first);
-    }
-    return column[0] + lull_cell_part(LULL_CELL, x) * (column[1] - column[0]);
 }
 
 /* out: corrected result; sources: result, gains, noise, radiance. */
 KERNEL_OF_PIXELS correct(__global uchar *memory, __global const uchar *model, lull_cl_filter a)
 {
     int x = get_global_id(0), y = get_global_id(1);
+    cell_place at = place_between(LULL_CELL, &a, x, y);
     float w, v[3], r[3];
     if (x >= a.inside_width || y >= a.inside_height)
         return;
     w = *bytes_at(memory, a.source[2], x, y) * LULL_NOISE_SHARE;
-    w = between_cells(memory, &a, 0, x, y) * (w < 1.0f ? w : 1.0f);
+    w = value_between(memory, a.source[1], &at, 0) * (w < 1.0f ? w : 1.0f);
     get3(v, *floats_at(memory, a.source[0], x, y));
     for (int c = 0; c < 3; c++)
         v[c] += v[c] * w;
-    if (has_mixing(&a)) {
-        float share = between_cells(memory, &a, 1, x, y);
+    if (!(a.flags & LULL_CL_FEATURES)) {
+        float share = value_between(memory, a.source[1], &at, 1);
         get_radiance(r, memory, a.source[3], x, y);
         for (int c = 0; c < 3; c++)
             v[c] += share * (r[c] - v[c]);

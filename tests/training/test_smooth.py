@@ -193,6 +193,18 @@ def test_correction_of_torch_equals_the_reference(height, width):
     np.testing.assert_allclose(got, corrected(*images), rtol=2e-5)
 
 
+def at_pixels(cells: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    """Values of cells [h,w] bilinear between their centres, pixel by pixel, in double precision."""
+    values = np.empty(shape)
+    for y, x in np.ndindex(shape):
+        fy, fx = (y + 8.5) / 16, (x + 8.5) / 16
+        rows, columns = ([min(max(int(f) + k, 0), n - 1) for k in (-1, 0)]
+                         for f, n in zip((fy, fx), cells.shape, strict=True))
+        a, b = ((1 - fx % 1) * cells[j, columns[0]] + fx % 1 * cells[j, columns[1]] for j in rows)
+        values[y, x] = (1 - fy % 1) * a + fy % 1 * b
+    return values
+
+
 def test_correction_is_its_definition():
     """Cell by cell in double precision."""
     out, smooth, radiance = lacking(40, 90, 0.8)
@@ -209,13 +221,7 @@ def test_correction_is_its_definition():
         a, b, c, n = cells[:, j:j + 3, i:i + 5].sum((1, 2))
         share_sure = max(1 - b / (a * a + 1e-6), 0)
         gain[j, i] = min(max(share_sure * min(a, 20 + 0.3 * n * n) / (c + 32), -0.5), 0.5)
-    expected = np.empty(out.shape)
-    for y, x in np.ndindex(v.shape):
-        fy, fx = (y + 8.5) / 16, (x + 8.5) / 16
-        rows = [min(max(int(fy) + k, 0), 2) for k in (-1, 0)]
-        columns = [min(max(int(fx) + k, 0), 5) for k in (-1, 0)]
-        a, b = ((1 - fx % 1) * gain[j, columns[0]] + fx % 1 * gain[j, columns[1]] for j in rows)
-        expected[y, x] = out[y, x] * (1 + ((1 - fy % 1) * a + fy % 1 * b) * share[y, x])
+    expected = out * (1 + at_pixels(gain, v.shape) * share)[..., None]
     np.testing.assert_allclose(last.corrected(out, smooth, noise[..., None], radiance), expected,
                                rtol=1e-5)
 
@@ -267,13 +273,6 @@ def test_mixing_is_its_definition():
     for j, i in np.ndindex(3, 6):
         pixels, codes = cells[:, j:j + 3, i:i + 5].sum((1, 2))
         share[j, i] = min(max(1 - (codes / pixels if pixels else 0) / 24, 0), 0.5)
-    expected = np.empty(out.shape)
-    for y, x in np.ndindex(out.shape[:2]):
-        fy, fx = (y + 8.5) / 16, (x + 8.5) / 16
-        rows = [min(max(int(fy) + k, 0), 2) for k in (-1, 0)]
-        columns = [min(max(int(fx) + k, 0), 5) for k in (-1, 0)]
-        a, b = ((1 - fx % 1) * share[j, columns[0]] + fx % 1 * share[j, columns[1]] for j in rows)
-        s = (1 - fy % 1) * a + fy % 1 * b
-        expected[y, x] = out[y, x] + s * (radiance[y, x] - out[y, x])
+    expected = out + at_pixels(share, out.shape[:2])[..., None] * (radiance - out)
     assert 0 < np.ptp(share)
     np.testing.assert_allclose(last.mixed(out, noise, radiance), expected, rtol=1e-6)
