@@ -3,9 +3,9 @@
 
     python -m export.bilateral IN.tza OUT.tza
 
-The filter's steps 6 to 8 (docs/kernel-prediction.md) have no trained weights: a file asks for them
-by the tensor `bilateral.scale`, a single 3, or 1 for 6 and 8, or 2 for step 6 alone. IN and OUT:
-.tza, integer; they may be the same.
+The filter's steps 6 to 8 and some of the input in 9 (docs/kernel-prediction.md) have no trained
+weights: a file asks for them by the tensor `bilateral.scale`, a single 3, or 1 for all but 7, or 2
+for 6 and 9. IN and OUT: .tza, integer; they may be the same.
 """
 from __future__ import annotations
 
@@ -25,8 +25,9 @@ def main(argv: list[str]) -> None:
     parser.add_argument("output", type=Path)
     which = parser.add_mutually_exclusive_group()
     which.add_argument("--correct", action="store_true",
-                       help="smooth and correct (steps 6 and 8), without regression")
-    which.add_argument("--smooth", action="store_true", help="smooth only (step 6)")
+                       help="without regression (step 7)")
+    which.add_argument("--smooth", action="store_true",
+                       help="without regression and correction (steps 7 and 8)")
     which.add_argument("--off", action="store_true", help="no longer")
     args = parser.parse_args(argv)
     try:

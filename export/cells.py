@@ -21,13 +21,16 @@ def cell_sums(v: np.ndarray, side: int) -> np.ndarray:
     return sums[..., 0]
 
 
-def between(v: np.ndarray, shape: tuple[int, int], side: int) -> np.ndarray:
-    """Values of cells at pixels, bilinear between centres, the nearest where there is none; first
-    down. [C,ceil(H/side),ceil(W/side)] -> [C,H,W], shape: (H, W)."""
-    for axis in (1, 2):
-        at = np.arange(shape[axis - 1]) + side // 2
-        near, far = (np.clip(at // side + k, 0, v.shape[axis] - 1) for k in (-1, 0))
-        part = ((at % side).astype(F) + F(0.5)) * F(1 / side)
-        a, b = v.take(near, axis), v.take(far, axis)
-        v = a + (part[:, None] if axis == 1 else part) * (b - a)
-    return v
+def between(v: np.ndarray, count: int, side: int, axis: int = -1) -> np.ndarray:
+    """Values of stretches of `side` pixels at `count` pixels along an axis, linear between centres,
+    the nearest where there is none. [..,ceil(count/side),..] -> [..,count,..]."""
+    at = np.arange(count) + side // 2
+    near, far = (np.clip(at // side + k, 0, v.shape[axis] - 1) for k in (-1, 0))
+    part = ((at % side).astype(F) + F(0.5)) * F(1 / side)
+    a, b = v.take(near, axis), v.take(far, axis)
+    return a + part.reshape(-1, *(1,) * (-1 - axis)) * (b - a)
+
+
+def between_cells(v: np.ndarray, shape: tuple[int, int], side: int) -> np.ndarray:
+    """The same of cells, first down. [C,ceil(H/side),ceil(W/side)] -> [C,H,W], shape: (H, W)."""
+    return between(between(v, shape[0], side, -2), shape[1], side)

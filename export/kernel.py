@@ -16,8 +16,8 @@ from export import pixels
 from export.graph import ALIGN, NETS_DEF, Layer, ModelError, Net, read_nets
 from export.reference import NARROW_MAX, FloatModel, IntLayer, IntModel, _tensor, check_layer
 from export.regression import features_of, regressed
-from export.smooth import (EPS, corrected, guide_of, mixed, noise_codes, shares, smoothed,
-                           to_code)
+from export.smooth import (EPS, SHARE_PER_CODE, SHARE_PER_CODE_ALONE, corrected, guide_of, mixed,
+                           noise_codes, shares, smoothed, to_code)
 from export.tza import Reader
 
 F = np.float32
@@ -36,8 +36,7 @@ LOG_TERMS = F(30.6365147), F(-15.4037612), F(10.996752), F(-7.00442797)
 
 @dataclass(frozen=True)
 class LastSteps:
-    """Steps after the filter (export.smooth, export.regression): smoothing, and these; without
-    features mixing comes along with correcting."""
+    """Steps after the filter (export.smooth, export.regression): smoothing, these, and mixing."""
 
     regresses: bool
     corrects: bool
@@ -265,8 +264,10 @@ def apply_filter(heads: list[np.ndarray], radiance: np.ndarray, albedo: np.ndarr
             out = regressed(out, smooth, features_of(even, smooth), radiance)
         if steps.corrects and not clipped:
             out = corrected(out, smooth, noise, radiance)
-        if steps.corrects and albedo is None and normal is None:
-            out = mixed(out, noise, radiance)
+        result = pixels.sanitize(out * smooth, 1.0, 0.0, pixels.MAX)
+        is_alone = steps.corrects and albedo is None and normal is None
+        return mixed(result, noise, radiance,
+                     SHARE_PER_CODE_ALONE if is_alone else SHARE_PER_CODE)
     return out * smooth
 
 

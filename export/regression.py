@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from export.cells import between, cell_sums
+from export.cells import between_cells, cell_sums
 
 F = np.float32
 SIDE = 8                # pixels of a cell
@@ -98,7 +98,7 @@ def regressed(out: np.ndarray, smooth: np.ndarray, features: np.ndarray,
               radiance: np.ndarray) -> np.ndarray:
     """The demodulated result [H,W,3] with what the features explain of the rest."""
     sums = windows(cell_sums(products(out, smooth, features, radiance), SIDE))
-    k = between(coefficients(sums), out.shape[:2], SIDE)
+    k = between_cells(coefficients(sums), out.shape[:2], SIDE)
     k = k.reshape(FEATURES + 1, CHANNELS, *out.shape[:2])
     f = np.moveaxis(features, -1, 0)[:, None]
     share = k[FEATURES] + summed(f * k[:FEATURES])

@@ -1,10 +1,10 @@
 """The last steps of family K's filter in numpy, docs/kernel-prediction.md, to the bit: smoothing
-along the result, what it lacks, and the input mixed in."""
+along the result, what it lacks, and some of the input."""
 from __future__ import annotations
 
 import numpy as np
 
-from export.cells import between, cell_sums
+from export.cells import between, between_cells, cell_sums
 
 F = np.float32
 ONE = F(1)
@@ -22,8 +22,11 @@ NOISE_SHARE = F(0.05)            # of a correction, per noise code
 MOST_LACKING, MOST_GAIN = F(200), F(0.5)
 SPARK = F(2)
 SPARKS_LEAST, SPARKS_SQUARED = F(20), F(0.3)
-LEAST_NOISE = F(1)               # mean code of cells that tell how much noise there is
-SHARE_PER_NOISE, MOST_MIXED = F(1 / 24), F(0.5)  # of the input: less by this much per noise code
+RUN, RUNS_BESIDE = 16, 4         # pixels of a row, and how many runs count to either side
+NOISY = F(1)                     # mean code of runs that tell how much noise there is
+LEAST_NOISE = F(2)               # above it the share of the input is less by this per code,
+SHARE_PER_CODE, SHARE_PER_CODE_ALONE = F(0.0625), F(0.041666668)  # without features by that
+THIRD = F(0.33333334)
 
 
 def to_code(v: np.ndarray) -> np.ndarray:
@@ -123,21 +126,23 @@ def corrected(out: np.ndarray, smooth: np.ndarray, noise: np.ndarray,
     share = np.minimum(noise[..., 0].astype(F) * NOISE_SHARE, F(1))
     lit = np.clip(q - SPARK, F(0), F(1))
     gain = cell_gains(cell_sums(np.stack((q, q * q, v * inverse * share, lit)), CELL))
-    gain, = between(gain[None], out.shape[:2], CELL)
+    gain, = between_cells(gain[None], out.shape[:2], CELL)
     return out + out * (gain * share)[..., None]
 
 
-def mixed(out: np.ndarray, noise: np.ndarray, radiance: np.ndarray) -> np.ndarray:
-    """The result [H,W,3] with a share of the input where noise is little, for images without
-    features, which are divided by 1; arguments as of corrected."""
+def mixed(result: np.ndarray, noise: np.ndarray, radiance: np.ndarray,
+          per_code: np.float32) -> np.ndarray:
+    """The exposed result [H,W,3] with some of the radiance where noise is little; noise and
+    radiance as of corrected, per_code: SHARE_PER_CODE or the other."""
     code = noise[..., 0].astype(F)
-    pixels, codes = sums_around(_noisy(cell_sums(np.stack((np.ones_like(code), code)), CELL)))
+    h, w = code.shape
+    runs = np.pad(np.stack((np.ones_like(code), code)), ((0, 0), (0, 0), (0, -w % RUN)))
+    runs = runs.reshape(2, h, -1, RUN).sum(-1)  # whole numbers
+    runs *= runs[1] >= NOISY * runs[0]
+    around = np.pad(runs, ((0, 0), (0, 0), (RUNS_BESIDE, RUNS_BESIDE)))
+    pixels, codes = sum(around[..., k:k + runs.shape[2]] for k in range(2 * RUNS_BESIDE + 1))
     mean = codes * np.divide(ONE, pixels, out=np.zeros_like(pixels), where=pixels > 0)
-    share = np.clip(ONE - mean * SHARE_PER_NOISE, F(0), MOST_MIXED)
-    share, = between(share[None], out.shape[:2], CELL)
-    return out + share[..., None] * (radiance - out)
-
-
-def _noisy(sums: np.ndarray) -> np.ndarray:
-    """Pixels of cells and sums of their noise codes, [2,H,W]; 0 where there is next to none."""
-    return np.where(sums[1] >= LEAST_NOISE * sums[0], sums, F(0))
+    share = np.clip(ONE - (mean - LEAST_NOISE) * per_code, F(0), ONE)  # 1 without noisy runs
+    own = np.clip(F(2) - code * (per_code * THIRD), F(0), ONE)
+    share = between(share, w, RUN) * own
+    return result + share[..., None] * (radiance - result)

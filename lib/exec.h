@@ -135,6 +135,21 @@ const float *lull_exec_aux(const lull_task *t, unsigned feature, float *block, u
  * K. */
 void lull_exec_finish(float *v, const lull_plan *plan, unsigned channels, unsigned n);
 
+/* Shares of the input in the output, from a column on, at most LULL_MIXED pixels: of runs, the
+ * first of which may begin before. */
+#define LULL_MIXED 512u
+typedef struct lull_run_shares {
+    int first, any; /* any: 0 if all are 0 */
+    float of[LULL_MIXED / LULL_RUN + 2];
+} lull_run_shares;
+void lull_exec_shares(lull_run_shares *shares, const lull_task *t, unsigned x, unsigned y,
+                      unsigned n);
+/* 1 if some of n of these pixels have input in them. */
+int lull_exec_is_mixed(const lull_run_shares *shares, const lull_task *t, unsigned x, unsigned n);
+/* Mixes the input into n of them (r,g,b), at most LULL_BLOCK; `block` has room for as many. */
+void lull_exec_mix(float *v, const lull_run_shares *shares, const lull_task *t, float *block,
+                   unsigned x, unsigned y, unsigned n);
+
 /* Radiance of n pixels, at most LULL_BLOCK, from column x on of row y of the frame; it may be
  * brought to `block`. */
 void lull_exec_radiance(lull_encoding *from, const lull_task *t, float *block, unsigned x,

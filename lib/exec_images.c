@@ -379,18 +379,24 @@ void lull_exec_output(const lull_model *model, float *out, const uint8_t *row, s
 
 /* The same of the result of family K, which is given for exposed radiance by albedo: to the output
  * image itself if that is what the kernel makes. */
-static int store_modulated(const lull_task *t, float *block, unsigned x, unsigned y, unsigned n)
+static int store_modulated(const lull_task *t, const lull_run_shares *shares, float *block,
+                           unsigned x, unsigned y, unsigned n)
 {
     const lull_plan *plan = t->plan;
     const lull_graph *graph = &plan->model->graph;
     unsigned smooth = lull_graph_find(graph, LULL_OP_SMOOTH, 0);
     float *to = lull_image_floats(&t->images->output, plan->frame.width, x, y - t->base_row);
+    float unscale = unscale_of(plan);
     int is_direct = to && lull_exec_content(&plan->frame).is_hdr;
-    float unscale = is_direct ? unscale_of(plan) : 1.0f;
+    int mixes = lull_exec_is_mixed(shares, t, x, n);
     plan->model->kernels.modulate(
-        is_direct ? to : block, lull_exec_floats(plan, graph->layers, y, x - t->left),
+        is_direct && !mixes ? to : block, lull_exec_floats(plan, graph->layers, y, x - t->left),
         lull_exec_plane(plan, graph->layers), lull_exec_floats(plan, smooth, y, x - t->left),
-        lull_exec_plane(plan, smooth), unscale, n);
+        lull_exec_plane(plan, smooth), is_direct && !mixes ? unscale : 1.0f, n);
+    if (mixes)
+        lull_exec_mix(block, shares, t, block + 3 * LULL_BLOCK, x, y, n);
+    for (unsigned i = 0; mixes && is_direct && i < 3 * n; i++)
+        to[i] = block[i] * unscale;
     return is_direct;
 }
 
@@ -402,11 +408,14 @@ void lull_exec_store_part(const lull_task *t, unsigned x, unsigned y, unsigned c
     const uint8_t *row = lull_exec_row(plan, last, y);
     size_t pixel = lull_ring_pixel(&plan->ring[last]);
     float *block = lull_exec_scratch(t, worker);
-    for (; x < end; x += LULL_BLOCK) {
+    lull_run_shares shares;
+    for (unsigned done = 0; x < end; x += LULL_BLOCK, done += LULL_BLOCK) {
         unsigned n = lull_min_u(LULL_BLOCK, end - x);
+        if (plan->model->graph.family == LULL_FAMILY_K && done % LULL_MIXED == 0)
+            lull_exec_shares(&shares, t, x, y, lull_min_u(LULL_MIXED, end - x));
         if (plan->model->graph.family == LULL_FAMILY_U)
             lull_exec_output(plan->model, block, row + (x - t->left) * pixel, pixel, n);
-        else if (store_modulated(t, block, x, y, n))
+        else if (store_modulated(t, &shares, block, x, y, n))
             continue;
         lull_exec_finish(block, plan, t->images->output.channels, n);
         lull_image_store(&t->images->output, plan->frame.width, x, y - t->base_row, n, block);

@@ -348,7 +348,7 @@ static lull_status add_filters(lull_graph *graph, const lull_tza *tza)
     static const lull_reads fit[] = {LULL_READS_3};
     static const lull_reads regress[] = {LULL_READS_ROW, LULL_READS_ROW, LULL_READS_ROW,
                                          LULL_READS_EIGHTH};
-    static const lull_reads correct[] = {LULL_READS_ROW, LULL_READS_CELLS, LULL_READS_ROW};
+    static const lull_reads correct[] = {LULL_READS_ROW, LULL_READS_CELLS};
     unsigned head[K_LEVELS], filtered[K_LEVELS], v, even, facing = LULL_TENSOR_NONE, result;
     lull_tza_tensor asked;
     int has_bilateral = lull_tza_find(tza, "bilateral", ".scale", &asked);
@@ -401,11 +401,10 @@ static lull_status add_filters(lull_graph *graph, const lull_tza *tza)
     }
     if (has_residual) {
         unsigned sums =
-            add_filter(graph, LULL_OP_RESIDUAL, LULL_CELL_LEVEL, LULL_CELL_PLANES,
+            add_filter(graph, LULL_OP_RESIDUAL, LULL_CELL_LEVEL, LULL_CELL_SUMS,
                        (unsigned[]){result, LULL_TENSOR_RADIANCE, LULL_TENSOR_NONE}, cell);
         result = add_filter(graph, LULL_OP_CORRECT, 0, 3,
-                            (unsigned[]){result, sums, LULL_TENSOR_RADIANCE, LULL_TENSOR_NONE},
-                            correct);
+                            (unsigned[]){result, sums, LULL_TENSOR_NONE}, correct);
     }
     return result == LULL_TENSOR_NONE ? LULL_ERROR_NETWORK : LULL_OK;
 }
@@ -428,7 +427,7 @@ static void choose_forms(lull_graph *graph)
 static unsigned reach(const lull_graph *graph, int is_exact)
 {
     static const uint8_t radius[] = {0, 1, 2, 4, 1, 0, 0, LULL_GAIN_REACH, 0, LULL_FIT_REACH};
-    unsigned field = 0, align = 1u << graph->levels;
+    unsigned field = 0, noise = 0, align = 1u << graph->levels;
     for (unsigned i = 0; i < graph->layers; i++) {
         const lull_layer *layer = &graph->layer[i];
         unsigned most = 0;
@@ -440,7 +439,11 @@ static unsigned reach(const lull_graph *graph, int is_exact)
         if (layer->op == LULL_OP_BILATERAL)
             most = (unsigned)lull_bilateral_columns(lull_graph_is_far(layer));
         field += most << layer->level;
+        if (layer->op == LULL_OP_FILTER && layer->level == 0)
+            noise = field + LULL_MIX_REACH;
     }
+    if (lull_graph_mixed_by(graph) != LULL_TENSOR_NONE)
+        field = lull_max_u(field, noise);
     field += align - 1; /* phase of the pixel inside its coarsest cell */
     return (unsigned)lull_align_up(field, align);
 }
@@ -520,6 +523,14 @@ int lull_graph_has_noise(const lull_graph *graph, unsigned tensor)
            (graph->layer[smoothed - 1].source[2] == tensor ||
             (smoothed == tensor && smoothed < graph->layers) ||
             lull_graph_find(graph, LULL_OP_REGRESS, 0) == tensor);
+}
+
+unsigned lull_graph_mixed_by(const lull_graph *graph)
+{
+    const lull_layer *last = &graph->layer[graph->layers - 1];
+    return last->op == LULL_OP_BILATERAL ? last->source[2]
+           : last->op == LULL_OP_CORRECT ? last->source[0]
+                                         : LULL_TENSOR_NONE;
 }
 
 int lull_graph_planes(const lull_graph *graph, unsigned tensor)

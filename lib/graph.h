@@ -49,7 +49,7 @@ typedef enum lull_op {
     LULL_OP_REGRESS,   /* smoothed result, filtered albedo and normal, coefficients: result, and the
                         * codes of the noise */
     LULL_OP_RESIDUAL,  /* result, radiance: sums over the pixels of a cell of 16x16 */
-    LULL_OP_CORRECT    /* result, sums, radiance: result */
+    LULL_OP_CORRECT    /* result, sums: result */
 } lull_op;
 
 /* Rows of a source that row y of a layer sees. */
@@ -128,6 +128,10 @@ int lull_graph_is_far(const lull_layer *layer);
 /* 1 if the codes of the noise stand beside a tensor for the smoothing along the result, which not
  * all models have. */
 int lull_graph_has_noise(const lull_graph *graph, unsigned tensor);
+
+/* The tensor beside which the noise codes stand by which input is mixed into the output; NONE if it
+ * is not. */
+unsigned lull_graph_mixed_by(const lull_graph *graph);
 
 /* 1 if the layer has weights. */
 int lull_layer_is_conv(const lull_layer *layer);

@@ -287,14 +287,11 @@ LULL_INLINE float lull_regressed(float v, const float *f, const float *b)
     return v + v * (k < LULL_MOST_FIT ? k : LULL_MOST_FIT);
 }
 
-/* ---- What the result lacks, and the input mixed in ------------------------------------------- */
+/* ---- What the result lacks ------------------------------------------------------------------- */
 
 #define LULL_CELL 16u        /* pixels, in either direction */
 #define LULL_CELL_LEVEL 4u   /* log2 of it */
-#define LULL_CELL_SUMS 4u    /* of a cell: q, q q, what may be corrected, sparks; then ... */
-#define LULL_CELL_PIXELS 4u  /* ... without features, its pixels, and the sum of ... */
-#define LULL_CELL_NOISE 5u   /* ... their noise codes */
-#define LULL_CELL_PLANES 6u
+#define LULL_CELL_SUMS 4u    /* of a cell: q, q q, what may be corrected, sparks */
 #define LULL_BALANCE_EPSILON 0.15f /* three times 0.05 */
 #define LULL_NOISE_SHARE 0.05f     /* of a correction, per noise code */
 #define LULL_MOST_LACKING 200.0f   /* of one pixel: single sparks are chance */
@@ -327,22 +324,41 @@ LULL_INLINE float lull_cell_gain(float q, float squares, float base, float spark
     return gain > LULL_MOST_GAIN ? LULL_MOST_GAIN : gain;
 }
 
-/* The share of the input that images without features get of it instead: half of it at most, none
- * where the mean noise code is 24 or more, from sums over the noisy cells around: of their pixels,
- * and of the codes. */
-#define LULL_SHARE_PER_NOISE 0.041666668f
-#define LULL_MOST_MIXED 0.5f
-LULL_INLINE float lull_input_share(float pixels, float noise)
-{
-    float share = pixels > 0.0f ? 1.0f - (noise * (1.0f / pixels)) * LULL_SHARE_PER_NOISE : 1.0f;
-    share = share > 0.0f ? share : 0.0f;
-    return share < LULL_MOST_MIXED ? share : LULL_MOST_MIXED;
-}
+/* ---- Some of the input where there is little noise ------------------------------------------- */
 
-/* What counts of a cell, 0 where the mean noise code is below 1, as that of sky and lamps is. */
+#define LULL_RUN 16u       /* pixels of a row; its share is that of the pixel in the middle */
+#define LULL_RUNS_BESIDE 4 /* on either side that count for it, too */
+#define LULL_MIX_REACH 96u /* columns to either side whose noise codes a pixel's share depends on */
+
+/* By how much noise codes above LULL_LEAST_NOISE lessen the share, and alone, in models that
+ * correct (step 8) and without features, which tell noise from texture. */
+#define LULL_LEAST_NOISE 2.0f
+#define LULL_SHARE_PER_CODE 0.0625f
+#define LULL_SHARE_PER_CODE_ALONE 0.041666668f
+
+/* What counts of a run, none where the mean noise code is below 1, as that of sky and lamps is. */
 LULL_INLINE uint32_t lull_noisy(uint32_t v, uint32_t pixels, uint32_t noise)
 {
     return noise < pixels ? 0 : v;
+}
+
+/* The share of the input of a run, from sums over the noisy ones around: of their pixels, and of
+ * their noise codes. */
+LULL_INLINE float lull_run_share(float pixels, float noise, float per_code)
+{
+    float share =
+        pixels > 0.0f ? 1.0f - (noise * (1.0f / pixels) - LULL_LEAST_NOISE) * per_code : 1.0f;
+    share = share > 0.0f ? share : 0.0f;
+    return share < 1.0f ? share : 1.0f;
+}
+
+/* That of a pixel, given what lies between those of the runs around it, and its own code: sparks
+ * stay out. */
+LULL_INLINE float lull_pixel_share(float share, uint8_t noise, float per_code)
+{
+    float w = 2.0f - (float)noise * (per_code * LULL_THIRD);
+    w = w > 0.0f ? w : 0.0f;
+    return share * (w < 1.0f ? w : 1.0f);
 }
 
 #endif

@@ -167,7 +167,9 @@ static unsigned rows_alive(const lull_plan *plan, unsigned tensor)
                 needed = lull_min_u(needed, rows_needed((lull_reads)layer->reads[s],
                                                         plan->done[l + 1] << layer->pool));
     }
-    if (tensor == graph->layers || tensor == lull_graph_find(graph, LULL_OP_SMOOTH, 0))
+    if (tensor == graph->layers || tensor == lull_graph_find(graph, LULL_OP_SMOOTH, 0) ||
+        tensor == lull_graph_mixed_by(graph) ||
+        (tensor == LULL_TENSOR_RADIANCE && lull_graph_mixed_by(graph) != LULL_TENSOR_NONE))
         needed = lull_min_u(needed, plan->stored); /* what the output is made of */
     return plan->done[tensor] - needed;
 }

@@ -16,9 +16,10 @@ from torch import Tensor
 
 from export.kernel import LAST_STEPS
 from export.smooth import (BALANCE_EPS, CELL, FAR_OFFSETS, GUIDE_GAIN, LEAST_NOISE, MOST_GAIN,
-                           MOST_LACKING, MOST_MIXED, NOISE_EPS, NOISE_GAIN, NOISE_SHARE, OFFSETS,
-                           RESULT_GAIN, SHARE_PER_NOISE, SPARK, SPARKS_LEAST, SPARKS_SQUARED,
-                           WIDTH_MAX, WIDTH_MIN, WIDTH_PER_CODE)
+                           MOST_LACKING, NOISE_EPS, NOISE_GAIN, NOISE_SHARE, NOISY, OFFSETS,
+                           RESULT_GAIN, RUN, RUNS_BESIDE, SHARE_PER_CODE, SHARE_PER_CODE_ALONE,
+                           SPARK, SPARKS_LEAST, SPARKS_SQUARED, WIDTH_MAX, WIDTH_MIN,
+                           WIDTH_PER_CODE)
 from training import fused, regression
 from training.cells import between, cell_means
 
@@ -173,9 +174,9 @@ def smooth_result(out: Tensor, smooth: Tensor, noise: Tensor, radiance: Tensor, 
         v = regression.regressed(v, smooth, features, radiance)
     if steps.corrects:  # but not what is clipped
         v = torch.where(codes[:, 11:12] > 0, v, corrected(v, smooth, noise, radiance))
-        has_features = codes[:, 9:11].amax(1, keepdim=True) > 0
-        v = torch.where(has_features, v, mixed(v, noise, radiance))
-    return v * smooth
+    is_alone = steps.corrects & (codes[:, 9:11, :1, :1].amax(1, keepdim=True) == 0)
+    per_code = torch.where(is_alone, float(SHARE_PER_CODE_ALONE), float(SHARE_PER_CODE))
+    return mixed(v * smooth, noise, radiance, per_code)
 
 
 def moved(v: Tensor, offsets: Sequence[tuple[int, int]]) -> list[Tensor]:
@@ -245,14 +246,18 @@ def corrected(out: Tensor, smooth: Tensor, noise: Tensor, radiance: Tensor) -> T
     return out + out * (between(gain, out.shape, CELL) * share)
 
 
-def mixed(out: Tensor, noise: Tensor, radiance: Tensor) -> Tensor:
-    """export.smooth.mixed of tensors [N,C,H,W]."""
-    pixels, codes = cell_means(torch.cat((torch.ones_like(noise), noise), 1), CELL).split(1, 1)
-    is_noisy = codes >= float(LEAST_NOISE) * pixels
-    pixels, codes = sums_around(torch.cat((pixels, codes), 1) * is_noisy).split(1, 1)
-    mean = codes / pixels.clamp(min=1e-6)
-    share = (1.0 - mean * float(SHARE_PER_NOISE)).clamp(0.0, float(MOST_MIXED))
-    return out + between(share, out.shape, CELL) * (radiance - out)
+def mixed(result: Tensor, noise: Tensor, radiance: Tensor, per_code: Tensor) -> Tensor:
+    """export.smooth.mixed of tensors [N,C,H,W]; per_code: [N,1,1,1]."""
+    side, around = (1, RUN), 2 * RUNS_BESIDE + 1
+    runs = torch.cat((torch.ones_like(noise), noise), 1)
+    runs = F.avg_pool2d(F.pad(runs, (0, -noise.shape[-1] % RUN)), side)
+    runs = runs * (runs[:, 1:] >= float(NOISY) * runs[:, :1])
+    runs = F.avg_pool2d(runs, (1, around), 1, (0, RUNS_BESIDE)) * around
+    mean = runs[:, 1:] / runs[:, :1].clamp(min=1e-6)
+    share = (1.0 - (mean - float(LEAST_NOISE)) * per_code).clamp(0.0, 1.0)
+    share = F.interpolate(share, scale_factor=side, mode="bilinear", align_corners=False)
+    own = (2.0 - noise * (per_code / 3)).clamp(0.0, 1.0)
+    return result + share[..., :noise.shape[-1]] * own * (radiance - result)
 
 
 def sums_around(v: Tensor) -> Tensor:

@@ -15,7 +15,7 @@
     KERNEL(conv) KERNEL(encode) KERNEL(spread) KERNEL(spread_normal) KERNEL(guide) KERNEL(smooth)  \
     KERNEL(face) KERNEL(demodulate) KERNEL(shrink) KERNEL(filter) KERNEL(blend) KERNEL(bilateral)  \
     KERNEL(fit_sums) KERNEL(fit) KERNEL(regress) KERNEL(residual) KERNEL(gains) KERNEL(correct)    \
-    KERNEL(modulate)
+    KERNEL(shares) KERNEL(modulate)
 enum {
 #define LULL_CL_NUMBER(name) LULL_CL_##name,
     LULL_CL_KERNELS(LULL_CL_NUMBER)
@@ -53,6 +53,7 @@ enum {
     LULL_CL_IMAGE_RESULT,
     LULL_CL_NOISE_CODES,
     LULL_CL_GAINS,
+    LULL_CL_SHARES,
     LULL_CL_TENSORS
 };
 
@@ -67,7 +68,8 @@ typedef struct lull_cl_step {
     size_t global[3], local[3];
 } lull_cl_step;
 
-#define LULL_CL_STEPS (LULL_MAX_LAYERS + 6) /* layers, what is made of images, gains, result */
+/* Layers, what is made of images, gains, shares, result. */
+#define LULL_CL_STEPS (LULL_MAX_LAYERS + 7)
 
 /* Where a convolution's weights are in the model's memory; its shift. */
 typedef struct lull_cl_weights {

@@ -29,7 +29,7 @@ static uint32_t element(const lull_graph *graph, unsigned tensor)
 
 static shape shape_of(const lull_cl_schedule *s, unsigned tensor)
 {
-    static const uint8_t pixels[] = {12, 12, 12, 1, 8}; /* from LULL_CL_IMAGE_ALBEDO on */
+    static const uint8_t pixels[] = {12, 12, 12, 1, 4, 4}; /* from LULL_CL_IMAGE_ALBEDO on */
     unsigned level = tensor < LULL_TENSORS ? lull_graph_level(s->graph, tensor)
                      : tensor == LULL_CL_GAINS ? LULL_CELL_LEVEL
                                                : 0;
@@ -48,6 +48,8 @@ static shape shape_of(const lull_cl_schedule *s, unsigned tensor)
             lull_graph_channels(s->graph, tensor) * element(s->graph, tensor), 4);
         of.border = LULL_CL_BORDER;
     }
+    if (tensor == LULL_CL_SHARES) /* of runs */
+        of.width /= (int32_t)LULL_RUN;
     if (of.pixel == 12 && !of.border) { /* an image: as large as the host's */
         of.width = s->width;
         of.height = s->height;
@@ -262,10 +264,8 @@ static void filter_sources(uint8_t sources[LULL_CL_SOURCES], const lull_cl_sched
         sources[2] = (uint8_t)lull_graph_find(s->graph, LULL_OP_SMOOTH, 0);
         sources[3] = LULL_CL_NOISE_CODES;
     }
-    if (layer->op == LULL_OP_CORRECT) {
+    if (layer->op == LULL_OP_CORRECT)
         sources[1] = LULL_CL_GAINS;
-        sources[3] = LULL_TENSOR_RADIANCE;
-    }
 }
 
 /* The first of a head's codes that a layer of the filter reads; heads may begin with a later one
@@ -301,7 +301,7 @@ static void add_layer(lull_cl_schedule *s, unsigned l)
                                       [LULL_OP_RESIDUAL] = LULL_CL_residual,
                                       [LULL_OP_CORRECT] = LULL_CL_correct};
     const lull_layer *layer = &s->graph->layer[l];
-    const uint8_t sums[LULL_CL_SOURCES] = {layer->source[1], CL_NONE, CL_NONE, CL_NONE};
+    const uint8_t sums[LULL_CL_SOURCES] = {layer->source[1], CL_NONE, CL_NONE, CL_NONE, CL_NONE};
     uint8_t sources[LULL_CL_SOURCES];
     lull_cl_filter *args;
     lull_cl_step *step;
@@ -335,9 +335,9 @@ static void add_inputs(lull_cl_schedule *s)
 {
     const uint8_t albedo = s->flags & LULL_CL_ALBEDO ? LULL_CL_IMAGE_ALBEDO : CL_NONE;
     const uint8_t normal = s->flags & LULL_CL_NORMAL ? LULL_CL_IMAGE_NORMAL : CL_NONE;
-    const uint8_t all[LULL_CL_SOURCES] = {LULL_TENSOR_RADIANCE, albedo, normal, CL_NONE};
-    const uint8_t aux[LULL_CL_SOURCES] = {albedo, normal, CL_NONE, CL_NONE};
-    const uint8_t facing[LULL_CL_SOURCES] = {normal, CL_NONE, CL_NONE, CL_NONE};
+    const uint8_t all[LULL_CL_SOURCES] = {LULL_TENSOR_RADIANCE, albedo, normal, CL_NONE, CL_NONE};
+    const uint8_t aux[LULL_CL_SOURCES] = {albedo, normal, CL_NONE, CL_NONE, CL_NONE};
+    const uint8_t facing[LULL_CL_SOURCES] = {normal, CL_NONE, CL_NONE, CL_NONE, CL_NONE};
     lull_cl_step *step = add_filter(s, LULL_CL_encode, LULL_TENSOR_INPUT, 0, all);
 
     set_items(step, step->args.filter.width + 2 * LULL_CL_BORDER,
@@ -350,12 +350,33 @@ static void add_inputs(lull_cl_schedule *s)
         add_filter(s, LULL_CL_guide, LULL_TENSOR_GUIDE, 0, aux);
 }
 
+/* The output: exposed result, with some of the input where there is little noise. */
+static void add_output(lull_cl_schedule *s)
+{
+    const int mixes = lull_graph_mixed_by(s->graph) != CL_NONE;
+    const uint8_t noise[LULL_CL_SOURCES] = {LULL_CL_NOISE_CODES, CL_NONE, CL_NONE, CL_NONE,
+                                            CL_NONE};
+    const uint8_t sources[LULL_CL_SOURCES] = {
+        stand_in(s, (uint8_t)s->graph->layers),
+        (uint8_t)lull_graph_find(s->graph, LULL_OP_SMOOTH, 0), mixes ? LULL_CL_SHARES : CL_NONE,
+        mixes ? LULL_TENSOR_RADIANCE : CL_NONE, mixes ? LULL_CL_NOISE_CODES : CL_NONE};
+    lull_cl_step *step;
+    uint32_t flags = mixes ? LULL_CL_NOISE : 0;
+
+    if (lull_graph_find(s->graph, LULL_OP_CORRECT, 0) != CL_NONE)
+        flags |= LULL_CL_CORRECTED;
+    if (mixes) {
+        step = add_filter(s, LULL_CL_shares, LULL_CL_SHARES, 0, noise);
+        step->args.filter.flags |= flags;
+        set_items(step, step->args.filter.width / (int32_t)LULL_RUN, step->args.filter.height, 1);
+    }
+    step = add_filter(s, LULL_CL_modulate, LULL_CL_IMAGE_RESULT, 0, sources);
+    step->args.filter.flags |= flags;
+}
+
 void lull_cl_schedule_make(lull_cl_schedule *s, unsigned width, unsigned height)
 {
     const lull_graph *graph = s->graph;
-    const uint8_t result[LULL_CL_SOURCES] = {
-        stand_in(s, (uint8_t)graph->layers),
-        (uint8_t)lull_graph_find(graph, LULL_OP_SMOOTH, 0), CL_NONE, CL_NONE};
     unsigned l, i, k;
 
     s->width = (int32_t)width;
@@ -369,7 +390,7 @@ void lull_cl_schedule_make(lull_cl_schedule *s, unsigned width, unsigned height)
         else
             add_layer(s, l);
     if (graph->family == LULL_FAMILY_K)
-        add_filter(s, LULL_CL_modulate, LULL_CL_IMAGE_RESULT, 0, result);
+        add_output(s);
     place_tensors(s);
     for (i = 0; i < s->steps; i++) {
         lull_cl_step *step = &s->step[i];

@@ -50,10 +50,11 @@ typedef struct lull_cl_conv {
 #define LULL_CL_NORMAL 2u  /* there are normals */
 #define LULL_CL_FEATURES (LULL_CL_ALBEDO | LULL_CL_NORMAL)
 #define LULL_CL_CLIPPED 4u /* the main image's radiance is clipped to [0,1] */
-#define LULL_CL_NOISE 8u   /* codes of the noise are asked for */
+#define LULL_CL_NOISE 8u   /* codes of the noise are asked for, or used for the output */
 #define LULL_CL_FAR 16u    /* the smoothing looks at the pixels farthest away, too */
+#define LULL_CL_CORRECTED 32u /* the model corrects what the result lacks */
 
-#define LULL_CL_SOURCES 4
+#define LULL_CL_SOURCES 5
 
 /* A kernel of the filter: what `out` and the sources are is said where it is defined. */
 typedef struct lull_cl_filter {

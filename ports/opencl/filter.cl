@@ -1,4 +1,4 @@
-/* The filter of family K, steps 1 to 5 and 9 (docs/kernel-prediction.md). Tensors of float4: of
+/* The filter of family K, steps 1 to 5 (docs/kernel-prediction.md). Tensors of float4: of
  * radiance with confidence (C, C r, C g, C b), of results (r, g, b, unused). */
 
 /* Sums of the 25 taps of a 5x5 kernel over a tensor of width x height pixels, whose logits are
@@ -131,17 +131,4 @@ KERNEL_OF_PIXELS blend(__global uchar *memory, __global const uchar *model, lull
         fine[c] = lull_blended(fine[c], f.w, near_here[c], far_here[c], near_beside[c],
                                far_beside[c]);
     *floats_at(memory, a.out, x, y) = make4(fine, 0.0f);
-}
-
-/* out: the exposed result as an image; sources: result, filtered albedo + epsilon. */
-KERNEL_OF_PIXELS modulate(__global uchar *memory, __global const uchar *model, lull_cl_filter a)
-{
-    int x = get_global_id(0), y = get_global_id(1);
-    float v[3], smooth[3];
-    if (x >= a.inside_width || y >= a.inside_height)
-        return;
-    get3(v, *floats_at(memory, a.source[0], x, y));
-    get3(smooth, *floats_at(memory, a.source[1], x, y));
-    for (int c = 0; c < 3; c++)
-        pixel_at(memory, a.out, x, y)[c] = lull_sane(v[c] * smooth[c], 1.0f, 0.0f, LULL_LARGEST);
 }

@@ -1,5 +1,5 @@
-/* Steps 6 to 8 of the filter of family K: smoothing along the result, regression on normals and
- * albedo, what the result lacks, and the input mixed in (docs/kernel-prediction.md,
+/* Steps 6 to 9 of the filter of family K: smoothing along the result, regression on normals and
+ * albedo, what the result lacks, and the output with some of the input (docs/kernel-prediction.md,
  * lib/bilateral.h, lib/pixels.h). */
 
 /* ---- Smoothing along the result -------------------------------------------------------------- */
@@ -174,73 +174,46 @@ KERNEL_OF_PIXELS regress(__global uchar *memory, __global const uchar *model, lu
     *floats_at(memory, a.out, x, y) = make4(v, 0.0f);
 }
 
-/* ---- What the result lacks, and the input mixed in ------------------------------------------- */
+/* ---- What the result lacks ------------------------------------------------------------------- */
 
-/* out: LULL_CELL_PLANES sums of cells, the last two for images without features; sources: result,
- * radiance, filtered albedo, noise. A group makes a cell, each work item a column of it. */
+/* out: LULL_CELL_SUMS sums of cells; sources: result, radiance, filtered albedo, noise. A group
+ * makes a cell, each work item a column of it. */
 KERNEL(LULL_CELL, 1) residual(__global uchar *memory, __global const uchar *model, lull_cl_filter a)
 {
     __local float4 column[LULL_CELL];
-    __local uint2 noise[LULL_CELL];
     int i = get_local_id(0), x = get_global_id(0), y = get_group_id(1) * (int)LULL_CELL;
     int end = x < a.inside_width ? min(y + (int)LULL_CELL, a.inside_height) : 0;
     float4 sum = (float4)(0.0f);
-    uint2 codes = (uint2)(0u);
+    if (a.flags & LULL_CL_CLIPPED) /* it lacks light itself */
+        end = 0;
     for (; y < end; y++) {
         float p[3], smooth[3], r[3], sums[LULL_CELL_SUMS];
-        uchar code = *bytes_at(memory, a.source[3], x, y);
-        codes += (uint2)(1u, code);
-        if (a.flags & LULL_CL_CLIPPED) /* clipped radiance lacks light itself */
-            continue;
         get3(p, *floats_at(memory, a.source[0], x, y));
         get3(smooth, *floats_at(memory, a.source[2], x, y));
         get_radiance(r, memory, a.source[1], x, y);
         for (int c = 0; c < 3; c++)
             p[c] *= smooth[c];
-        lull_balance_of(sums, p, r, code);
+        lull_balance_of(sums, p, r, *bytes_at(memory, a.source[3], x, y));
         sum += (float4)(sums[0], sums[1], sums[2], sums[3]);
     }
     column[i] = sum;
-    noise[i] = codes;
     for (int columns = LULL_CELL / 2; columns; columns /= 2) {
         barrier(CLK_LOCAL_MEM_FENCE);
-        if (i < columns) {
+        if (i < columns)
             column[i] += column[i + columns];
-            noise[i] += noise[i + columns];
-        }
     }
-    if (i == 0) {
-        __global float *out = pixel_at(memory, a.out, get_group_id(0), get_group_id(1));
-        *(__global float4 *)out = column[0];
-        out[LULL_CELL_PIXELS] = (float)lull_noisy(noise[0].x, noise[0].x, noise[0].y);
-        out[LULL_CELL_NOISE] = (float)lull_noisy(noise[0].y, noise[0].x, noise[0].y);
-    }
+    if (i == 0)
+        *floats_at(memory, a.out, get_group_id(0), get_group_id(1)) = column[0];
 }
 
-static int is_cell(const lull_cl_filter *a, int x, int y)
-{
-    return x >= 0 && x < a->width && y >= 0 && y < a->height;
-}
 static float4 sums_at(__global uchar *memory, const lull_cl_filter *a, int x, int y)
 {
-    return is_cell(a, x, y) ? *floats_at(memory, a->source[0], x, y) : (float4)(0.0f);
+    return x >= 0 && x < a->width && y >= 0 && y < a->height
+               ? *floats_at(memory, a->source[0], x, y)
+               : (float4)(0.0f);
 }
 
-/* The share of the input of a cell. */
-static float share_of(__global uchar *memory, const lull_cl_filter *a, int x, int y)
-{
-    float pixels = 0.0f, noise = 0.0f; /* whole numbers: exact */
-    for (int other = y - 1; other <= y + 1; other++)
-        for (int beside = x - 2; beside <= x + 2; beside++)
-            if (is_cell(a, beside, other)) {
-                __global const float *cell = pixel_at(memory, a->source[0], beside, other);
-                pixels += cell[LULL_CELL_PIXELS];
-                noise += cell[LULL_CELL_NOISE];
-            }
-    return lull_input_share(pixels, noise);
-}
-
-/* out: gains of cells, and their shares of the input, two floats each; source: their sums. */
+/* out: gains of cells; source: their sums. */
 KERNEL_OF_PIXELS gains(__global uchar *memory, __global const uchar *model, lull_cl_filter a)
 {
     int x = get_global_id(0), y = get_global_id(1);
@@ -252,17 +225,15 @@ KERNEL_OF_PIXELS gains(__global uchar *memory, __global const uchar *model, lull
                         sums_at(memory, &a, x + k, y + 1);
         sum = k == -2 ? column : sum + column;
     }
-    pixel_at(memory, a.out, x, y)[0] = lull_cell_gain(sum.x, sum.y, sum.z, sum.w);
-    if (!(a.flags & LULL_CL_FEATURES)) /* some of the input is mixed in */
-        pixel_at(memory, a.out, x, y)[1] = share_of(memory, &a, x, y);
+    *pixel_at(memory, a.out, x, y) = lull_cell_gain(sum.x, sum.y, sum.z, sum.w);
 }
 
-/* out: corrected result; sources: result, gains, noise, radiance. */
+/* out: corrected result; sources: result, gains, noise. */
 KERNEL_OF_PIXELS correct(__global uchar *memory, __global const uchar *model, lull_cl_filter a)
 {
     int x = get_global_id(0), y = get_global_id(1);
     cell_place at = place_between(LULL_CELL, &a, x, y);
-    float w, v[3], r[3];
+    float w, v[3];
     if (x >= a.inside_width || y >= a.inside_height)
         return;
     w = *bytes_at(memory, a.source[2], x, y) * LULL_NOISE_SHARE;
@@ -270,11 +241,60 @@ KERNEL_OF_PIXELS correct(__global uchar *memory, __global const uchar *model, lu
     get3(v, *floats_at(memory, a.source[0], x, y));
     for (int c = 0; c < 3; c++)
         v[c] += v[c] * w;
-    if (!(a.flags & LULL_CL_FEATURES)) {
-        float share = value_between(memory, a.source[1], &at, 1);
-        get_radiance(r, memory, a.source[3], x, y);
-        for (int c = 0; c < 3; c++)
-            v[c] += share * (r[c] - v[c]);
-    }
     *floats_at(memory, a.out, x, y) = make4(v, 0.0f);
+}
+
+/* ---- The output, with some of the input where there is little noise -------------------------- */
+
+static float share_per_code(const lull_cl_filter *a)
+{
+    return a->flags & LULL_CL_CORRECTED && !(a->flags & LULL_CL_FEATURES)
+               ? LULL_SHARE_PER_CODE_ALONE
+               : LULL_SHARE_PER_CODE;
+}
+
+/* out: shares of the input of runs of LULL_RUN pixels; source: noise. */
+KERNEL_OF_PIXELS shares(__global uchar *memory, __global const uchar *model, lull_cl_filter a)
+{
+    int run = get_global_id(0), y = get_global_id(1);
+    uint pixels = 0, codes = 0;
+    if (run * (int)LULL_RUN >= a.inside_width || y >= a.inside_height)
+        return;
+    for (int other = run - LULL_RUNS_BESIDE; other <= run + LULL_RUNS_BESIDE; other++) {
+        int x = other * (int)LULL_RUN, end = min(x + (int)LULL_RUN, a.inside_width);
+        uint count = x >= 0 && x < end ? end - x : 0, sum = 0;
+        for (uint i = 0; i < count; i++)
+            sum += *bytes_at(memory, a.source[0], x + (int)i, y);
+        pixels += lull_noisy(count, count, sum);
+        codes += lull_noisy(sum, count, sum);
+    }
+    *pixel_at(memory, a.out, run, y) = lull_run_share(
+        (float)pixels, (float)codes, share_per_code(&a));
+}
+
+/* out: the exposed result as an image; sources: result, filtered albedo + epsilon, and, if some of
+ * the input is asked for, shares of runs, radiance, noise. */
+KERNEL_OF_PIXELS modulate(__global uchar *memory, __global const uchar *model, lull_cl_filter a)
+{
+    int x = get_global_id(0), y = get_global_id(1);
+    float v[3], smooth[3], r[3], share = 0.0f;
+    if (x >= a.inside_width || y >= a.inside_height)
+        return;
+    get3(v, *floats_at(memory, a.source[0], x, y));
+    get3(smooth, *floats_at(memory, a.source[1], x, y));
+    if (a.flags & LULL_CL_NOISE) {
+        int runs = (a.inside_width + (int)LULL_RUN - 1) / (int)LULL_RUN;
+        float before = *pixel_at(memory, a.source[2], lull_cell_near(LULL_RUN, x, 0, runs), y);
+        float after = *pixel_at(memory, a.source[2], lull_cell_near(LULL_RUN, x, 1, runs), y);
+        share = lull_pixel_share(before + lull_cell_part(LULL_RUN, x) * (after - before),
+                                 *bytes_at(memory, a.source[4], x, y),
+                                 share_per_code(&a));
+        get_radiance(r, memory, a.source[3], x, y);
+    }
+    for (int c = 0; c < 3; c++) {
+        v[c] = lull_sane(v[c] * smooth[c], 1.0f, 0.0f, LULL_LARGEST);
+        if (a.flags & LULL_CL_NOISE)
+            v[c] += share * (r[c] - v[c]);
+        pixel_at(memory, a.out, x, y)[c] = v[c];
+    }
 }

@@ -62,6 +62,34 @@ def test_clean_input_is_not_harmed(clean_up, quality):
 
 
 @pytest.mark.parametrize("quality", QUALITIES)
+@pytest.mark.parametrize("left_out", [(), ("albedo", "normal")])
+def test_the_result_follows_its_input_as_noise_goes(clean_up, quality, left_out):
+    """As far as the sparks allow, which stay out: small lights of a scene look like some."""
+    frame, after = scene(), []
+    noise = np.random.default_rng(9).normal(size=frame["clean"].shape)
+    for std in (0.04, 0.01, 0.0025):
+        images = inputs(frame, *left_out)
+        images["color"] = (frame["clean"] * (1 + std * noise)).astype(np.float32)
+        before = psnr(images["color"], frame["clean"])
+        after.append(psnr(clean_up(images, quality), frame["clean"]))
+        assert after[-1] > min(before - 0.2, 50)
+    assert after[1] > after[0] + 3 and after[2] > after[1] + 3
+
+
+@pytest.mark.parametrize("quality", QUALITIES)
+@pytest.mark.parametrize("left_out", [(), ("albedo", "normal")])
+def test_fireflies_go_where_there_is_little_noise(clean_up, quality, left_out):
+    """They must not come back with what is mixed in of the input there."""
+    frame, rng = scene(), np.random.default_rng(9)
+    color = frame["clean"] * (1 + 0.005 * rng.normal(size=frame["clean"].shape))
+    hot = rng.random(color.shape[:2]) < 0.002
+    images = inputs(frame, *left_out)
+    images["color"] = np.where(hot[..., None], 30 * color + 1, color).astype(np.float32)
+    left = clean_up(images, quality)[hot] - frame["clean"][hot]
+    assert np.abs(left).mean() < 0.02 * np.abs(images["color"] - frame["clean"])[hot].mean()
+
+
+@pytest.mark.parametrize("quality", QUALITIES)
 @pytest.mark.parametrize("left_out", [(), ("normal",), ("albedo",), ("albedo", "normal")])
 def test_noise_goes(clean_up, quality, left_out):
     frame = scene()

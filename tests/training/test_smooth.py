@@ -3,6 +3,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import torch
 
 from export import smooth as last
 from tests.training.test_kernel import picture, tensor
@@ -235,44 +236,68 @@ def textured(height: int, width: int, noise: float) -> list[np.ndarray]:
     return [out.astype(np.float32), codes.astype(np.uint8), radiance.astype(np.float32)]
 
 
-@pytest.mark.parametrize("height, width", [(48, 80), (5, 3), (1, 1), (33, 130)])
+PER_CODE = [last.SHARE_PER_CODE, last.SHARE_PER_CODE_ALONE]
+
+
+@pytest.mark.parametrize("height, width", [(48, 80), (5, 3), (1, 1), (3, 330)])
 @pytest.mark.parametrize("noise", [0.5, 8, 16, 20])
-def test_mixing_of_torch_equals_the_reference(height, width, noise):
+@pytest.mark.parametrize("per_code", PER_CODE)
+def test_mixing_of_torch_equals_the_reference(height, width, noise, per_code):
     images = textured(height, width, noise)
     images[1][:, width // 2:] //= 2
-    got = picture(kernel_filter.mixed(*(tensor(v.astype(np.float32)) for v in images)))
-    expected = last.mixed(*images)
+    images[1][0, ::5] = 60
+    images_of_torch = (tensor(v.astype(np.float32)) for v in images)
+    got = picture(kernel_filter.mixed(*images_of_torch, torch.full((1, 1, 1, 1), float(per_code))))
+    expected = last.mixed(*images, per_code)
     assert expected.dtype == np.float32
     np.testing.assert_allclose(got, expected, rtol=3e-6)
 
 
-@pytest.mark.parametrize("code, share", [(0, 0.5), (12, 0.5), (18, 0.25), (24, 0), (255, 0)])
-def test_share_of_the_input_falls_with_the_noise(code, share):
-    out = np.zeros((40, 90, 3), np.float32)
-    got = last.mixed(out, np.full((40, 90, 1), code, np.uint8), np.ones_like(out))
+@pytest.mark.parametrize("per_code, code, share", [
+    (PER_CODE[0], 0, 1), (PER_CODE[0], 2, 1), (PER_CODE[0], 10, 0.5), (PER_CODE[0], 18, 0),
+    (PER_CODE[1], 2, 1), (PER_CODE[1], 14, 0.5), (PER_CODE[1], 26, 0), (PER_CODE[1], 255, 0)])
+def test_share_of_the_input_falls_with_the_noise(per_code, code, share):
+    out = np.zeros((4, 200, 3), np.float32)
+    got = last.mixed(out, np.full((4, 200, 1), code, np.uint8), np.ones_like(out), per_code)
     np.testing.assert_allclose(got, share, atol=1e-6)
 
 
-def test_cells_without_noise_do_not_hide_that_of_others():
-    """A sky beside a wall: the wall's noise counts in full, at 24 and within the sky's windows."""
-    out, noise = np.zeros((64, 160, 3), np.float32), np.zeros((64, 160, 1), np.uint8)
-    noise[:, :80] = 24
-    got = last.mixed(out, noise, np.ones_like(out))
-    assert not got[:, :100].any() and np.allclose(got[:, 130:], 0.5)
+def test_runs_without_noise_do_not_hide_that_of_others():
+    """A sky beside a wall: the wall's noise counts in full, at 18 and within the sky's windows."""
+    out, noise = np.zeros((4, 320, 3), np.float32), np.zeros((4, 320, 1), np.uint8)
+    noise[:, :80] = 18
+    got = last.mixed(out, noise, np.ones_like(out), PER_CODE[0])
+    assert got[:, :130].max() < 1e-6 and np.allclose(got[:, 160:], 1)
 
 
-def test_mixing_is_its_definition():
-    """Cell by cell in double precision."""
-    out, noise, radiance = textured(40, 90, 16)
-    noise[:, 60:] //= 40  # a mean below 1
-    cells = np.zeros((2, 3 + 2, 6 + 4))
-    for y, x in np.ndindex(out.shape[:2]):
-        cells[:, y // 16 + 1, x // 16 + 2] += (1, noise[y, x, 0])
-    cells *= cells[1] >= cells[0]
-    share = np.empty((3, 6))
-    for j, i in np.ndindex(3, 6):
-        pixels, codes = cells[:, j:j + 3, i:i + 5].sum((1, 2))
-        share[j, i] = min(max(1 - (codes / pixels if pixels else 0) / 24, 0), 0.5)
-    expected = out + at_pixels(share, out.shape[:2])[..., None] * (radiance - out)
-    assert 0 < np.ptp(share)
-    np.testing.assert_allclose(last.mixed(out, noise, radiance), expected, rtol=1e-6)
+def test_sparks_stay_out():
+    """In a picture of little noise, most of which comes back."""
+    out, noise = np.zeros((4, 160, 3), np.float32), np.full((4, 160, 1), 2, np.uint8)
+    noise[2, 80], noise[2, 90] = 255, 72
+    got = last.mixed(out, noise, np.ones_like(out), PER_CODE[0])
+    assert got[2, 80].max() == 0 and (got[0] > 0.85).all()
+    np.testing.assert_allclose(got[2, 90] / got[2, 91], 0.5, atol=0.01)
+
+
+@pytest.mark.parametrize("per_code", PER_CODE)
+def test_mixing_is_its_definition(per_code):
+    """Run by run in double precision."""
+    out, noise, radiance = textured(3, 250, 11)
+    noise[:, 160:] //= 20  # a mean below 1
+    noise[1, ::7] = 70
+    expected = np.empty_like(out)
+    for y in range(3):
+        runs = [noise[y, x:x + 16, 0].astype(float) for x in range(0, 250, 16)]
+        share = []
+        for i in range(len(runs)):
+            codes = [c for r in runs[max(i - 4, 0):i + 5] if r.mean() >= 1 for c in r]
+            share.append(min(max(1 - (np.mean(codes or [0]) - 2) * per_code, 0), 1))
+        for x in range(250):
+            at = min(max((x - 7.5) / 16, 0), len(runs) - 1)
+            i = min(int(at), len(runs) - 2)
+            s = share[i] + (at - i) * (share[i + 1] - share[i])
+            s *= min(max(2 - noise[y, x, 0] * per_code / 3, 0), 1)
+            expected[y, x] = out[y, x] + s * (radiance[y, x] - out[y, x])
+    assert 0 < np.ptp(expected - out)
+    got = last.mixed(out, noise, radiance, per_code)
+    np.testing.assert_allclose(got, expected, rtol=1e-6)
