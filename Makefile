@@ -330,10 +330,15 @@ train-demo:
 	@$(MAKE) $(JOBS) --no-print-directory all
 	@sh demo/train.sh $(BUILD) $(VENV)/bin/python
 
-# C tests and scripts under sanitizers: make check-san SAN=address,undefined (or memory, with CC=clang)
+# C tests and scripts under sanitizers; SAN=memory with CC=clang
+ifeq ($(SAN),)
+check-san:
+	@$(MAKE) --no-print-directory check-san SAN=address,undefined
+else
 check-san: tests
 	@o=allocator_may_return_null=1; ASAN_OPTIONS=$$o MSAN_OPTIONS=$$o TSAN_OPTIONS=$$o \
 	    $(PYTHON) tests/run.py --build $(BUILD) --kinds program $(CHECK)
+endif
 
 # Every port against scalar, slot by slot, and each one's speed; docs/ports.md keeps the results.
 conform: $(BUILD)/test/conform$(EXE) $(BUILD)/test/conform_emulated$(EXE)
