@@ -389,10 +389,11 @@ static int store_modulated(const lull_task *t, const lull_run_shares *shares, fl
     float unscale = unscale_of(plan);
     int is_direct = to && lull_exec_content(&plan->frame).is_hdr;
     int mixes = lull_exec_is_mixed(shares, t, x, n);
+    float *made = is_direct && !mixes ? to : block;
     plan->model->kernels.modulate(
-        is_direct && !mixes ? to : block, lull_exec_floats(plan, graph->layers, y, x - t->left),
+        made, lull_exec_floats(plan, graph->layers, y, x - t->left),
         lull_exec_plane(plan, graph->layers), lull_exec_floats(plan, smooth, y, x - t->left),
-        lull_exec_plane(plan, smooth), is_direct && !mixes ? unscale : 1.0f, n);
+        lull_exec_plane(plan, smooth), made == to ? unscale : 1.0f, n);
     if (mixes)
         lull_exec_mix(block, shares, t, block + 3 * LULL_BLOCK, x, y, n);
     for (unsigned i = 0; mixes && is_direct && i < 3 * n; i++)

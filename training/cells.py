@@ -12,7 +12,8 @@ def cell_means(v: Tensor, side: int) -> Tensor:
     return F.avg_pool2d(F.pad(v, (0, -w % side, 0, -h % side)), side)
 
 
-def between(v: Tensor, shape: torch.Size, side: int) -> Tensor:
-    """Values of cells at the pixels of an image of this shape, [...,H,W]."""
+def between(v: Tensor, shape: torch.Size, side: int | tuple[int, int]) -> Tensor:
+    """Values of cells at the pixels of an image of this shape, [...,H,W]; side: or (height, width)
+    of a cell."""
     v = F.interpolate(v, scale_factor=side, mode="bilinear", align_corners=False)
     return v[..., :shape[-2], :shape[-1]]

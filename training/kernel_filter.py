@@ -255,9 +255,8 @@ def mixed(result: Tensor, noise: Tensor, radiance: Tensor, per_code: Tensor) -> 
     runs = F.avg_pool2d(runs, (1, around), 1, (0, RUNS_BESIDE)) * around
     mean = runs[:, 1:] / runs[:, :1].clamp(min=1e-6)
     share = (1.0 - (mean - float(LEAST_NOISE)) * per_code).clamp(0.0, 1.0)
-    share = F.interpolate(share, scale_factor=side, mode="bilinear", align_corners=False)
     own = (2.0 - noise * (per_code / 3)).clamp(0.0, 1.0)
-    return result + share[..., :noise.shape[-1]] * own * (radiance - result)
+    return result + between(share, noise.shape, side) * own * (radiance - result)
 
 
 def sums_around(v: Tensor) -> Tensor:

@@ -277,24 +277,24 @@ KERNEL_OF_PIXELS shares(__global uchar *memory, __global const uchar *model, lul
 KERNEL_OF_PIXELS modulate(__global uchar *memory, __global const uchar *model, lull_cl_filter a)
 {
     int x = get_global_id(0), y = get_global_id(1);
-    float v[3], smooth[3], r[3], share = 0.0f;
+    float v[3], smooth[3];
     if (x >= a.inside_width || y >= a.inside_height)
         return;
     get3(v, *floats_at(memory, a.source[0], x, y));
     get3(smooth, *floats_at(memory, a.source[1], x, y));
+    for (int c = 0; c < 3; c++)
+        v[c] = lull_sane(v[c] * smooth[c], 1.0f, 0.0f, LULL_LARGEST);
     if (a.flags & LULL_CL_NOISE) {
         int runs = (a.inside_width + (int)LULL_RUN - 1) / (int)LULL_RUN;
         float before = *pixel_at(memory, a.source[2], lull_cell_near(LULL_RUN, x, 0, runs), y);
         float after = *pixel_at(memory, a.source[2], lull_cell_near(LULL_RUN, x, 1, runs), y);
-        share = lull_pixel_share(before + lull_cell_part(LULL_RUN, x) * (after - before),
-                                 *bytes_at(memory, a.source[4], x, y),
-                                 share_per_code(&a));
+        float between = before + lull_cell_part(LULL_RUN, x) * (after - before), r[3];
+        float share = lull_pixel_share(between, *bytes_at(memory, a.source[4], x, y),
+                                       share_per_code(&a));
         get_radiance(r, memory, a.source[3], x, y);
-    }
-    for (int c = 0; c < 3; c++) {
-        v[c] = lull_sane(v[c] * smooth[c], 1.0f, 0.0f, LULL_LARGEST);
-        if (a.flags & LULL_CL_NOISE)
+        for (int c = 0; c < 3; c++)
             v[c] += share * (r[c] - v[c]);
-        pixel_at(memory, a.out, x, y)[c] = v[c];
     }
+    for (int c = 0; c < 3; c++)
+        pixel_at(memory, a.out, x, y)[c] = v[c];
 }
