@@ -265,7 +265,7 @@ def apply_filter(heads: list[np.ndarray], radiance: np.ndarray, albedo: np.ndarr
         if steps.corrects and not clipped:
             out = corrected(out, smooth, noise, radiance)
         result = pixels.sanitize(out * smooth, 1.0, 0.0, pixels.MAX)
-        is_alone = steps.corrects and albedo is None and normal is None
+        is_alone = albedo is None and normal is None
         return mixed(result, noise, radiance,
                      SHARE_PER_CODE_ALONE if is_alone else SHARE_PER_CODE)
     return out * smooth

@@ -24,8 +24,9 @@ SPARK = F(2)
 SPARKS_LEAST, SPARKS_SQUARED = F(20), F(0.3)
 RUN, RUNS_BESIDE = 16, 4         # pixels of a row, and how many runs count to either side
 NOISY = F(1)                     # mean code of runs that tell how much noise there is
+MOST_SHARE = F(0.5)              # of the input
 LEAST_NOISE = F(2)               # above it the share of the input is less by this per code,
-SHARE_PER_CODE, SHARE_PER_CODE_ALONE = F(0.0625), F(0.041666668)  # without features by that
+SHARE_PER_CODE, SHARE_PER_CODE_ALONE = F(0.125), F(0.0625)  # without features by that
 THIRD = F(0.33333334)
 
 
@@ -142,7 +143,7 @@ def mixed(result: np.ndarray, noise: np.ndarray, radiance: np.ndarray,
     around = np.pad(runs, ((0, 0), (0, 0), (RUNS_BESIDE, RUNS_BESIDE)))
     pixels, codes = sum(around[..., k:k + runs.shape[2]] for k in range(2 * RUNS_BESIDE + 1))
     mean = codes * np.divide(ONE, pixels, out=np.zeros_like(pixels), where=pixels > 0)
-    share = np.clip(ONE - (mean - LEAST_NOISE) * per_code, F(0), ONE)  # 1 without noisy runs
+    share = np.clip(ONE - (mean - LEAST_NOISE) * per_code, F(0), MOST_SHARE)
     own = np.clip(F(2) - code * (per_code * THIRD), F(0), ONE)
     share = between(share, w, RUN) * own
     return result + share[..., None] * (radiance - result)

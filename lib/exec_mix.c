@@ -21,13 +21,6 @@ static uint32_t sum_bytes(const uint8_t *v, unsigned n)
     return sum;
 }
 
-static float share_per_code(const lull_plan *plan)
-{
-    int corrects = lull_graph_find(&plan->model->graph, LULL_OP_CORRECT, 0) != LULL_TENSOR_NONE;
-    return corrects && !lull_exec_has_features(plan) ? LULL_SHARE_PER_CODE_ALONE
-                                                     : LULL_SHARE_PER_CODE;
-}
-
 /* The run before whose middle, or after it (next), a pixel is; the nearest at the edges. */
 static int run_near(const lull_task *t, unsigned x, int next)
 {
@@ -48,7 +41,8 @@ void lull_exec_shares(lull_run_shares *shares, const lull_task *t, unsigned x, u
     if (tensor == LULL_TENSOR_NONE)
         return;
     noise = lull_exec_noise(plan, tensor, y, 0);
-    shares->per_code = share_per_code(plan);
+    shares->per_code =
+        lull_exec_has_features(plan) ? LULL_SHARE_PER_CODE : LULL_SHARE_PER_CODE_ALONE;
     shares->first = run_near(t, x, 0);
     count = run_near(t, x + n - 1, 1) - shares->first + 1;
     for (int i = 0; i < count + 2 * LULL_RUNS_BESIDE; i++) {

@@ -330,11 +330,13 @@ LULL_INLINE float lull_cell_gain(float q, float squares, float base, float spark
 #define LULL_RUNS_BESIDE 4 /* on either side that count for it, too */
 #define LULL_MIX_REACH 96u /* columns to either side whose noise codes a pixel's share depends on */
 
-/* By how much noise codes above LULL_LEAST_NOISE lessen the share, and alone, in models that
- * correct (step 8) and without features, which tell noise from texture. */
+/* The share of the input is half of it at most: whether what the result lacks is noise or texture
+ * cannot be seen, and so no more than half of either stays. By how much noise codes above
+ * LULL_LEAST_NOISE lessen it, and alone, without features, which tell noise from texture. */
+#define LULL_MOST_SHARE 0.5f
 #define LULL_LEAST_NOISE 2.0f
-#define LULL_SHARE_PER_CODE 0.0625f
-#define LULL_SHARE_PER_CODE_ALONE 0.041666668f
+#define LULL_SHARE_PER_CODE 0.125f
+#define LULL_SHARE_PER_CODE_ALONE 0.0625f
 
 /* What counts of a run, none where the mean noise code is below 1, as that of sky and lamps is. */
 LULL_INLINE uint32_t lull_noisy(uint32_t v, uint32_t pixels, uint32_t noise)
@@ -346,10 +348,10 @@ LULL_INLINE uint32_t lull_noisy(uint32_t v, uint32_t pixels, uint32_t noise)
  * their noise codes. */
 LULL_INLINE float lull_run_share(float pixels, float noise, float per_code)
 {
-    float share =
-        pixels > 0.0f ? 1.0f - (noise * (1.0f / pixels) - LULL_LEAST_NOISE) * per_code : 1.0f;
+    float share = pixels > 0.0f ? 1.0f - (noise * (1.0f / pixels) - LULL_LEAST_NOISE) * per_code
+                                : LULL_MOST_SHARE;
     share = share > 0.0f ? share : 0.0f;
-    return share < 1.0f ? share : 1.0f;
+    return share < LULL_MOST_SHARE ? share : LULL_MOST_SHARE;
 }
 
 /* That of a pixel, given what lies between those of the runs around it, and its own code: sparks

@@ -21,6 +21,7 @@ if __name__ == "__main__" and not __package__:  # run as a file: go on as a modu
 
 import argparse
 import json
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -102,20 +103,24 @@ def load_denoiser(path: Path, features: list[str]) -> Denoiser | Program:
     return Denoiser(model, features, features[0], "pu", [])
 
 
-def with_less_noise(image: np.ndarray, target: np.ndarray, share: float) -> np.ndarray:
-    """An image, [H,W,C], moved towards its target until this share of its noise is left."""
-    return np.maximum(target + np.float32(share) * (image - target), 0).astype(np.float32)
+def noise_of_reference(case: Case, psnr: float) -> float:
+    """The mean squared error that the reference has by itself, from the PSNR of the noisy input.
+    With n samples for each of the input's, of other paths, it has 1 / n of the input's variance,
+    and 1 / (n + 1) of that of their difference."""
+    spp, target = case.source.spp, case.target.spp
+    if not spp or not target or target <= spp:
+        raise ToolError(f"{case.name}: --less_reference needs sample counts in the names of input "
+                        "and reference, and more in the latter", DATA)
+    return 10 ** (-psnr / 10) / (target / spp + 1)
 
 
 def evaluate(case: Case, path: Path, denoiser: Denoiser | Program, binary: Path | None,
-             names: list[str], as_spp: int | None = None) -> dict:
+             names: list[str], less_reference: bool = False) -> dict:
     """Scores of one case: by method and metric, and the agreement with OIDN running our weights.
 
-    as_spp: the input gets the noise of this many samples per pixel, in place of its own."""
+    less_reference: PSNR as a reference without noise would give it."""
     main, *others = denoiser.features
     noisy, target = (load(v, ["hdr"])["hdr"] for v in (case.source, case.target))
-    if as_spp:
-        noisy = with_less_noise(noisy, target, (case.source.spp / as_spp) ** 0.5)
     exposure = color.autoexposure(target)
     if main == "ldr":
         noisy, target = (np.clip(image * exposure, 0, 1) for image in (noisy, target))
@@ -130,6 +135,11 @@ def evaluate(case: Case, path: Path, denoiser: Denoiser | Program, binary: Path 
             row["agreement"] = peer.difference(outputs["lull"], theirs)
     for method, image in outputs.items():
         row[method] = metrics.measure(metrics.to_display(image, main, exposure), shown, names)
+    if less_reference:
+        noise = noise_of_reference(case, row["noisy"]["psnr"])
+        for method in outputs:
+            left = max(10 ** (-row[method]["psnr"] / 10) - noise, 1e-12)
+            row[method]["psnr"] = -10 * math.log10(left)
     return row
 
 
@@ -212,8 +222,9 @@ def main(argv: list[str]) -> None:
     parser.add_argument("--json", type=Path, help="all figures")
     parser.add_argument("--metric", nargs="*", default=NAMES, choices=tuple(metrics.METRICS))
     parser.add_argument("--spp", type=int, nargs="*", help="only pictures of these sample counts")
-    parser.add_argument("--as_spp", type=int, metavar="N",
-                        help="inputs moved towards their references to the noise of N samples")
+    parser.add_argument("--less_reference", action="store_true",
+                        help="PSNR less the noise of references, which have to be renders of their "
+                             "own: for inputs of nearly as many samples")
     parser.add_argument("--least_gain", type=float, metavar="DB",
                         help="status 4 if the mean PSNR of a set gains less than this")
     parser.add_argument("--no_oidn", action="store_true", help="do not run the real OIDN")
@@ -236,9 +247,9 @@ def main(argv: list[str]) -> None:
         for title, cases in sets:
             rows = []
             for case in (c for c in cases if has_features(c.source, features)
-                         and (not args.spp or c.source.spp in args.spp)
-                         and (not args.as_spp or c.source.spp)):
-                rows.append(evaluate(case, path, denoiser, binary, list(args.metric), args.as_spp))
+                         and (not args.spp or c.source.spp in args.spp)):
+                rows.append(evaluate(case, path, denoiser, binary, list(args.metric),
+                                     args.less_reference))
                 r = rows[-1]
                 print(f"{path.stem} {case.name}: " + ", ".join(
                     m + " " + "/".join(f"{v:.4g}" for v in r[m].values())

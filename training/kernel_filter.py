@@ -16,10 +16,10 @@ from torch import Tensor
 
 from export.kernel import LAST_STEPS
 from export.smooth import (BALANCE_EPS, CELL, FAR_OFFSETS, GUIDE_GAIN, LEAST_NOISE, MOST_GAIN,
-                           MOST_LACKING, NOISE_EPS, NOISE_GAIN, NOISE_SHARE, NOISY, OFFSETS,
-                           RESULT_GAIN, RUN, RUNS_BESIDE, SHARE_PER_CODE, SHARE_PER_CODE_ALONE,
-                           SPARK, SPARKS_LEAST, SPARKS_SQUARED, WIDTH_MAX, WIDTH_MIN,
-                           WIDTH_PER_CODE)
+                           MOST_LACKING, MOST_SHARE, NOISE_EPS, NOISE_GAIN, NOISE_SHARE, NOISY,
+                           OFFSETS, RESULT_GAIN, RUN, RUNS_BESIDE, SHARE_PER_CODE,
+                           SHARE_PER_CODE_ALONE, SPARK, SPARKS_LEAST, SPARKS_SQUARED, WIDTH_MAX,
+                           WIDTH_MIN, WIDTH_PER_CODE)
 from training import fused, regression
 from training.cells import between, cell_means
 
@@ -174,7 +174,7 @@ def smooth_result(out: Tensor, smooth: Tensor, noise: Tensor, radiance: Tensor, 
         v = regression.regressed(v, smooth, features, radiance)
     if steps.corrects:  # but not what is clipped
         v = torch.where(codes[:, 11:12] > 0, v, corrected(v, smooth, noise, radiance))
-    is_alone = steps.corrects & (codes[:, 9:11, :1, :1].amax(1, keepdim=True) == 0)
+    is_alone = codes[:, 9:11, :1, :1].amax(1, keepdim=True) == 0
     per_code = torch.where(is_alone, float(SHARE_PER_CODE_ALONE), float(SHARE_PER_CODE))
     return mixed(v * smooth, noise, radiance, per_code)
 
@@ -254,7 +254,7 @@ def mixed(result: Tensor, noise: Tensor, radiance: Tensor, per_code: Tensor) -> 
     runs = runs * (runs[:, 1:] >= float(NOISY) * runs[:, :1])
     runs = F.avg_pool2d(runs, (1, around), 1, (0, RUNS_BESIDE)) * around
     mean = runs[:, 1:] / runs[:, :1].clamp(min=1e-6)
-    share = (1.0 - (mean - float(LEAST_NOISE)) * per_code).clamp(0.0, 1.0)
+    share = (1.0 - (mean - float(LEAST_NOISE)) * per_code).clamp(0.0, float(MOST_SHARE))
     own = (2.0 - noise * (per_code / 3)).clamp(0.0, 1.0)
     return result + between(share, noise.shape, side) * own * (radiance - result)
 

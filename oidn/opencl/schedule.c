@@ -361,17 +361,13 @@ static void add_output(lull_cl_schedule *s)
         (uint8_t)lull_graph_find(s->graph, LULL_OP_SMOOTH, 0), mixes ? LULL_CL_SHARES : CL_NONE,
         mixes ? LULL_TENSOR_RADIANCE : CL_NONE, mixes ? LULL_CL_NOISE_CODES : CL_NONE};
     lull_cl_step *step;
-    uint32_t flags = mixes ? LULL_CL_NOISE : 0;
 
-    if (lull_graph_find(s->graph, LULL_OP_CORRECT, 0) != CL_NONE)
-        flags |= LULL_CL_CORRECTED;
     if (mixes) {
         step = add_filter(s, LULL_CL_shares, LULL_CL_SHARES, 0, noise);
-        step->args.filter.flags |= flags;
         set_items(step, step->args.filter.width / (int32_t)LULL_RUN, step->args.filter.height, 1);
     }
     step = add_filter(s, LULL_CL_modulate, LULL_CL_IMAGE_RESULT, 0, sources);
-    step->args.filter.flags |= flags;
+    step->args.filter.flags |= mixes ? LULL_CL_NOISE : 0;
 }
 
 void lull_cl_schedule_make(lull_cl_schedule *s, unsigned width, unsigned height)

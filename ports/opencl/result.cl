@@ -248,9 +248,7 @@ KERNEL_OF_PIXELS correct(__global uchar *memory, __global const uchar *model, lu
 
 static float share_per_code(const lull_cl_filter *a)
 {
-    return a->flags & LULL_CL_CORRECTED && !(a->flags & LULL_CL_FEATURES)
-               ? LULL_SHARE_PER_CODE_ALONE
-               : LULL_SHARE_PER_CODE;
+    return a->flags & LULL_CL_FEATURES ? LULL_SHARE_PER_CODE : LULL_SHARE_PER_CODE_ALONE;
 }
 
 /* out: shares of the input of runs of LULL_RUN pixels; source: noise. */

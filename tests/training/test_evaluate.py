@@ -1,33 +1,44 @@
-"""training.evaluate on inputs that are cleaner than their files, and on clipped ones."""
+"""training.evaluate with references that have noise themselves, and on clipped inputs."""
 
 import json
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from training import color, evaluate
+from training.errors import ToolError
 from training.features import load
+from training.imageio import write_exr
 
 
-def test_inputs_of_less_noise(raw, work, root):
-    """--as_spp: inputs like those of more samples, a quarter of the noise for 16 times as many."""
-    args = [f"{root / 'weights' / 'rt_hdr_w16.tza'}=hdr", "--images", str(raw / "valid"),
-            "--no_oidn", "--metric", "psnr", "--spp", "4"]
-    evaluate.main([*args, "--json", "as4.json"])
-    evaluate.main([*args, "--as_spp", "64", "--json", "as64.json"])
-    a, b = (json.loads(Path(f).read_text()) for f in ("as4.json", "as64.json"))
-    assert len(a) == len(b) == 2
-    for x, y in zip(a, b):
-        assert x["case"] == y["case"]
-        assert 9 < y["noisy"]["psnr"] - x["noisy"]["psnr"] < 16  # 12 dB where nothing is clipped
+def scored(work, name, *more):
+    evaluate.main([*more, "--no_oidn", "--metric", "psnr", "--json", name])
+    return json.loads((work / name).read_text())
 
 
-def test_noise_shrinks_around_the_target():
-    target = np.full((4, 4, 3), 2.0, np.float32)
-    image = target + np.linspace(-3, 3, 48, dtype=np.float32).reshape(4, 4, 3)
-    out = evaluate.with_less_noise(image, target, 0.25)
-    assert out.dtype == np.float32 and np.allclose(out - target, 0.25 * (image - target))
-    assert np.array_equal(evaluate.with_less_noise(image, target, 1.0), np.maximum(image, 0))
+def test_scores_without_the_noise_of_references(work, root):
+    """--less_reference: what the reference's own noise adds to every error is taken off. Here the
+    truth is known: the input's error is that of its 16 samples, and no longer 16/15 of it."""
+    rng, truth = np.random.default_rng(3), np.full((64, 64, 3), 0.5, np.float32)
+    (work / "set" / "a").mkdir(parents=True)
+    for spp in (16, 240):
+        image = truth * (1 + 0.1 * rng.normal(size=truth.shape).astype(np.float32) * spp**-0.5)
+        write_exr(work / "set" / "a" / f"a_{spp:04d}spp.hdr.exr", image)
+    args = [f"{root / 'weights' / 'rt_hdr_w16.tza'}=hdr", "--images", str(work / "set")]
+    plain, less = (scored(work, f"{len(more)}.json", *args, *more)[0]
+                   for more in ((), ("--less_reference",)))
+    for method in ("noisy", "lull"):
+        apart = [10 ** (-row[method]["psnr"] / 10) for row in (plain, less)]
+        noise = 10 ** (-plain["noisy"]["psnr"] / 10) / 16
+        assert apart[0] - apart[1] == pytest.approx(noise, rel=1e-6)
+    assert less["noisy"]["psnr"] - plain["noisy"]["psnr"] == pytest.approx(0.28, abs=0.001)
+
+
+def test_references_without_a_count_have_no_known_noise(raw):
+    case = evaluate.find_cases(raw / "valid")[0]
+    with pytest.raises(ToolError, match=f"{case.name}: --less_reference needs sample counts"):
+        evaluate.noise_of_reference(case, 20.0)
 
 
 def test_clipped_inputs_are_made_of_hdr_pictures(raw, root):
