@@ -27,7 +27,7 @@ NOISY = F(1)                     # mean code of runs that tell how much noise th
 MOST_SHARE = F(0.5)              # of the input
 LEAST_NOISE = F(2)               # above it the share of the input is less by this per code,
 SHARE_PER_CODE, SHARE_PER_CODE_ALONE = F(0.125), F(0.0625)  # without features by that
-THIRD = F(0.33333334)
+LESS_OF_SPARKS = F(0.015625)     # per code of the pixel, beyond 64
 
 
 def to_code(v: np.ndarray) -> np.ndarray:
@@ -144,6 +144,6 @@ def mixed(result: np.ndarray, noise: np.ndarray, radiance: np.ndarray,
     pixels, codes = sum(around[..., k:k + runs.shape[2]] for k in range(2 * RUNS_BESIDE + 1))
     mean = codes * np.divide(ONE, pixels, out=np.zeros_like(pixels), where=pixels > 0)
     share = np.clip(ONE - (mean - LEAST_NOISE) * per_code, F(0), MOST_SHARE)
-    own = np.clip(F(2) - code * (per_code * THIRD), F(0), ONE)
+    own = np.clip(F(2) - code * LESS_OF_SPARKS, F(0), ONE)
     share = between(share, w, RUN) * own
     return result + share[..., None] * (radiance - result)

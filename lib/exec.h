@@ -140,7 +140,6 @@ void lull_exec_finish(float *v, const lull_plan *plan, unsigned channels, unsign
 #define LULL_MIXED 512u
 typedef struct lull_run_shares {
     int first, any; /* any: 0 if all are 0 */
-    float per_code; /* by which noise codes lessen them */
     float of[LULL_MIXED / LULL_RUN + 2];
 } lull_run_shares;
 void lull_exec_shares(lull_run_shares *shares, const lull_task *t, unsigned x, unsigned y,

@@ -36,13 +36,13 @@ void lull_exec_shares(lull_run_shares *shares, const lull_task *t, unsigned x, u
     uint32_t all_pixels = 0, all_codes = 0;
     uint16_t pixels[SUMMED], codes[SUMMED];
     const uint8_t *noise;
+    float per_code;
     int count;
     shares->any = 0;
     if (tensor == LULL_TENSOR_NONE)
         return;
     noise = lull_exec_noise(plan, tensor, y, 0);
-    shares->per_code =
-        lull_exec_has_features(plan) ? LULL_SHARE_PER_CODE : LULL_SHARE_PER_CODE_ALONE;
+    per_code = lull_exec_has_features(plan) ? LULL_SHARE_PER_CODE : LULL_SHARE_PER_CODE_ALONE;
     shares->first = run_near(t, x, 0);
     count = run_near(t, x + n - 1, 1) - shares->first + 1;
     for (int i = 0; i < count + 2 * LULL_RUNS_BESIDE; i++) {
@@ -59,7 +59,7 @@ void lull_exec_shares(lull_run_shares *shares, const lull_task *t, unsigned x, u
         middle = i - 2 * LULL_RUNS_BESIDE; /* its window ends here */
         if (middle < 0)
             continue;
-        shares->of[middle] = lull_run_share((float)all_pixels, (float)all_codes, shares->per_code);
+        shares->of[middle] = lull_run_share((float)all_pixels, (float)all_codes, per_code);
         shares->any |= shares->of[middle] > 0.0f;
         all_pixels -= pixels[middle];
         all_codes -= codes[middle];
@@ -89,8 +89,7 @@ static void find_shares(float *share, const lull_run_shares *shares, const lull_
         float part = lull_cell_part(LULL_RUN, (int)x);
         count = lull_min_u(LULL_RUN - (x + LULL_RUN / 2) % LULL_RUN, end - x);
         for (unsigned i = 0; i < count; i++, part += 1.0f / LULL_RUN)
-            *share++ =
-                lull_pixel_share(before + part * (after - before), *noise++, shares->per_code);
+            *share++ = lull_pixel_share(before + part * (after - before), *noise++);
     }
 }
 

@@ -355,10 +355,10 @@ LULL_INLINE float lull_run_share(float pixels, float noise, float per_code)
 }
 
 /* That of a pixel, given what lies between those of the runs around it, and its own code: sparks
- * stay out. */
-LULL_INLINE float lull_pixel_share(float share, uint8_t noise, float per_code)
+ * stay out, less of what has more than 64, all of what has 128. */
+LULL_INLINE float lull_pixel_share(float share, uint8_t noise)
 {
-    float w = 2.0f - (float)noise * (per_code * LULL_THIRD);
+    float w = 2.0f - (float)noise * 0.015625f;
     w = w > 0.0f ? w : 0.0f;
     return share * (w < 1.0f ? w : 1.0f);
 }

@@ -15,9 +15,9 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from export.kernel import LAST_STEPS
-from export.smooth import (BALANCE_EPS, CELL, FAR_OFFSETS, GUIDE_GAIN, LEAST_NOISE, MOST_GAIN,
-                           MOST_LACKING, MOST_SHARE, NOISE_EPS, NOISE_GAIN, NOISE_SHARE, NOISY,
-                           OFFSETS, RESULT_GAIN, RUN, RUNS_BESIDE, SHARE_PER_CODE,
+from export.smooth import (BALANCE_EPS, CELL, FAR_OFFSETS, GUIDE_GAIN, LEAST_NOISE, LESS_OF_SPARKS,
+                           MOST_GAIN, MOST_LACKING, MOST_SHARE, NOISE_EPS, NOISE_GAIN, NOISE_SHARE,
+                           NOISY, OFFSETS, RESULT_GAIN, RUN, RUNS_BESIDE, SHARE_PER_CODE,
                            SHARE_PER_CODE_ALONE, SPARK, SPARKS_LEAST, SPARKS_SQUARED, WIDTH_MAX,
                            WIDTH_MIN, WIDTH_PER_CODE)
 from training import fused, regression
@@ -255,7 +255,7 @@ def mixed(result: Tensor, noise: Tensor, radiance: Tensor, per_code: Tensor) -> 
     runs = F.avg_pool2d(runs, (1, around), 1, (0, RUNS_BESIDE)) * around
     mean = runs[:, 1:] / runs[:, :1].clamp(min=1e-6)
     share = (1.0 - (mean - float(LEAST_NOISE)) * per_code).clamp(0.0, float(MOST_SHARE))
-    own = (2.0 - noise * (per_code / 3)).clamp(0.0, 1.0)
+    own = (2.0 - noise * float(LESS_OF_SPARKS)).clamp(0.0, 1.0)
     return result + between(share, noise.shape, side) * own * (radiance - result)
 
 

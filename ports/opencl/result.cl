@@ -246,11 +246,6 @@ KERNEL_OF_PIXELS correct(__global uchar *memory, __global const uchar *model, lu
 
 /* ---- The output, with some of the input where there is little noise -------------------------- */
 
-static float share_per_code(const lull_cl_filter *a)
-{
-    return a->flags & LULL_CL_FEATURES ? LULL_SHARE_PER_CODE : LULL_SHARE_PER_CODE_ALONE;
-}
-
 /* out: shares of the input of runs of LULL_RUN pixels; source: noise. */
 KERNEL_OF_PIXELS shares(__global uchar *memory, __global const uchar *model, lull_cl_filter a)
 {
@@ -267,7 +262,8 @@ KERNEL_OF_PIXELS shares(__global uchar *memory, __global const uchar *model, lul
         codes += lull_noisy(sum, count, sum);
     }
     *pixel_at(memory, a.out, run, y) = lull_run_share(
-        (float)pixels, (float)codes, share_per_code(&a));
+        (float)pixels, (float)codes,
+        a.flags & LULL_CL_FEATURES ? LULL_SHARE_PER_CODE : LULL_SHARE_PER_CODE_ALONE);
 }
 
 /* out: the exposed result as an image; sources: result, filtered albedo + epsilon, and, if some of
@@ -287,8 +283,7 @@ KERNEL_OF_PIXELS modulate(__global uchar *memory, __global const uchar *model, l
         float before = *pixel_at(memory, a.source[2], lull_cell_near(LULL_RUN, x, 0, runs), y);
         float after = *pixel_at(memory, a.source[2], lull_cell_near(LULL_RUN, x, 1, runs), y);
         float between = before + lull_cell_part(LULL_RUN, x) * (after - before), r[3];
-        float share = lull_pixel_share(between, *bytes_at(memory, a.source[4], x, y),
-                                       share_per_code(&a));
+        float share = lull_pixel_share(between, *bytes_at(memory, a.source[4], x, y));
         get_radiance(r, memory, a.source[3], x, y);
         for (int c = 0; c < 3; c++)
             v[c] += share * (r[c] - v[c]);

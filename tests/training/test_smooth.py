@@ -240,12 +240,12 @@ PER_CODE = [last.SHARE_PER_CODE, last.SHARE_PER_CODE_ALONE]
 
 
 @pytest.mark.parametrize("height, width", [(48, 80), (5, 3), (1, 1), (3, 330)])
-@pytest.mark.parametrize("noise", [0.5, 8, 16, 20])
+@pytest.mark.parametrize("noise", [0.5, 8, 16])
 @pytest.mark.parametrize("per_code", PER_CODE)
 def test_mixing_of_torch_equals_the_reference(height, width, noise, per_code):
     images = textured(height, width, noise)
     images[1][:, width // 2:] //= 2
-    images[1][0, ::5] = 60
+    images[1][0, ::5] = 90
     images_of_torch = (tensor(v.astype(np.float32)) for v in images)
     got = picture(kernel_filter.mixed(*images_of_torch, torch.full((1, 1, 1, 1), float(per_code))))
     expected = last.mixed(*images, per_code)
@@ -273,7 +273,7 @@ def test_runs_without_noise_do_not_hide_that_of_others():
 def test_sparks_stay_out():
     """In a picture of little noise, half of which comes back."""
     out, noise = np.zeros((4, 160, 3), np.float32), np.full((4, 160, 1), 2, np.uint8)
-    noise[2, 80], noise[2, 90] = 255, 36
+    noise[2, 80], noise[2, 90] = 255, 96
     got = last.mixed(out, noise, np.ones_like(out), PER_CODE[0])
     assert got[2, 80].max() == 0 and (got[0] > 0.45).all()
     np.testing.assert_allclose(got[2, 90] / got[2, 91], 0.5, atol=0.01)
@@ -284,7 +284,7 @@ def test_mixing_is_its_definition(per_code):
     """Run by run in double precision."""
     out, noise, radiance = textured(3, 250, 11)
     noise[:, 160:] //= 20  # a mean below 1
-    noise[1, ::7] = 70
+    noise[1, ::7] = 90
     expected = np.empty_like(out)
     for y in range(3):
         runs = [noise[y, x:x + 16, 0].astype(float) for x in range(0, 250, 16)]
@@ -296,7 +296,7 @@ def test_mixing_is_its_definition(per_code):
             at = min(max((x - 7.5) / 16, 0), len(runs) - 1)
             i = min(int(at), len(runs) - 2)
             s = share[i] + (at - i) * (share[i + 1] - share[i])
-            s *= min(max(2 - noise[y, x, 0] * per_code / 3, 0), 1)
+            s *= min(max(2 - noise[y, x, 0] / 64, 0), 1)
             expected[y, x] = out[y, x] + s * (radiance[y, x] - out[y, x])
     assert 0 < np.ptp(expected - out)
     got = last.mixed(out, noise, radiance, per_code)
