@@ -140,7 +140,9 @@ def test_windows_and_unaimed_paths(root, rendered, tmp_path):
         assert not np.array_equal(a, b)
 
 
-def test_assets_are_used(root, tmp_path):
+@pytest.mark.parametrize("threads", ["1", "2"])
+def test_assets_are_used(root, tmp_path, threads):
+    """With one thread, too, with which Mitsuba's reading of EXR never ends."""
     from training.scenes import files as write
     from training.scenes import mesh, shapes
     stock = tmp_path / "stock"
@@ -148,7 +150,8 @@ def test_assets_are_used(root, tmp_path):
     mesh.write_ply(str(stock / "ring.ply"), shapes.torus().moved(mesh.scale(40)))
     sky = np.ones((8, 16, 3), np.float32) * (0.2, 0.5, 1.0)
     write.write_exr(stock / "sky.exr", sky)
-    run = command(root, "render", tmp_path / "out", "--seeds", SEED, "--assets", stock, *SMALL)
+    run = command(root, "render", tmp_path / "out", "--seeds", SEED, "--assets", stock, *SMALL,
+                  "--threads", threads)
     assert run.returncode == 0, run.stderr
     assert (tmp_path / "out" / "s00020" / "manifest.json").exists()
     (stock / "bad.ply").write_text("no mesh")
@@ -195,6 +198,19 @@ def own_scene(tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("own") / "my scene.xml"
     path.write_text(SCENE)
     return path
+
+
+def test_a_scene_with_an_environment_by_one_thread(root, tmp_path):
+    """Mitsuba's reading of EXR never ends with one."""
+    from training.scenes import files as write
+    write.write_exr(tmp_path / "sky.exr", np.ones((8, 16, 3), np.float32))
+    sky = '<emitter type="envmap"><string name="filename" value="sky.exr"/></emitter>'
+    scene = SCENE.replace('<emitter type="constant"/>', sky)
+    (tmp_path / "open.xml").write_text(scene)
+    run = command(root, "render_scene", tmp_path / "open.xml", tmp_path / "out", "--spp", "1",
+                  "--ref", "2", "--threads", "1")
+    assert run.returncode == 0, run.stderr
+    assert files(tmp_path / "out") == {"open"}
 
 
 def test_own_scene(root, own_scene, tmp_path):

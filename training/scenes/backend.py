@@ -5,6 +5,8 @@ from __future__ import annotations
 import ctypes
 import glob
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from types import ModuleType
 
 from training.errors import DEPENDENCY, USAGE, ToolError
@@ -39,6 +41,19 @@ def find_llvm() -> str | None:
         raise ToolError(f"{newest}: too old, Mitsuba needs LLVM {OLDEST_LLVM} or newer (Debian: "
                         "libllvm19; DRJIT_LIBLLVM_PATH names a library)", DEPENDENCY)
     return newest
+
+
+@contextmanager
+def reading() -> Iterator[None]:
+    """For what reads image files: with a single thread Mitsuba 3.9 waits for ever for the pool that
+    decodes EXR, so that it has two until the block ends."""
+    import drjit as dr
+    count = dr.thread_count()
+    dr.set_thread_count(max(count, 2))
+    try:
+        yield
+    finally:
+        dr.set_thread_count(count)
 
 
 def load(variant: str = "llvm_ad_rgb", threads: int = 0) -> ModuleType:

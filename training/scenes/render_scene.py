@@ -67,7 +67,8 @@ def _load(mi, args: argparse.Namespace):
             raise ToolError(f"-D: cannot read {text!r} (wanted: KEY=VALUE)", USAGE)
         keys[key] = value
     try:
-        scene = mi.load_file(args.scene, **keys)
+        with backend.reading():
+            scene = mi.load_file(args.scene, **keys)
     except Exception as err:
         text = " ".join(str(err).split())
         raise ToolError(f"{args.scene}: {text[:300]}", DATA) from None
