@@ -229,6 +229,8 @@ def main(argv: list[str]) -> None:
                         help="status 4 if the mean PSNR of a set gains less than this")
     parser.add_argument("--no_oidn", action="store_true", help="do not run the real OIDN")
     args = parser.parse_args(argv)
+    if args.less_reference and "psnr" not in args.metric:
+        raise ToolError("--less_reference: is about psnr, which --metric leaves out", USAGE)
     torch.set_num_threads(1)
     binary = None if args.no_oidn else peer.find_binary()
     print(f"OIDN: {'oidnDenoise of pyoidn' if binary else 'not run'}")

@@ -35,6 +35,12 @@ def test_scores_without_the_noise_of_references(work, root):
     assert less["noisy"]["psnr"] - plain["noisy"]["psnr"] == pytest.approx(0.28, abs=0.001)
 
 
+def test_only_psnr_is_scored_without_the_noise_of_references(raw, root):
+    with pytest.raises(ToolError, match="--less_reference: is about psnr"):
+        evaluate.main([f"{root / 'weights' / 'rt_hdr_w16.tza'}=hdr", "--images", str(raw),
+                       "--less_reference", "--metric", "ssim"])
+
+
 def test_references_without_a_count_have_no_known_noise(raw):
     case = evaluate.find_cases(raw / "valid")[0]
     with pytest.raises(ToolError, match=f"{case.name}: --less_reference needs sample counts"):
