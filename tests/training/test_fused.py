@@ -173,13 +173,13 @@ def test_trunk(both, monkeypatch, model, kind, tiles):
 
     (heads, grads), (plain, plain_grads) = both(run)
     assert type(heads[0].grad_fn).__name__ == "TrunkBackward"
-    if tiles:  # whose biases are not rounded to bf16: as near to fp32 as PyTorch's in bf16
+    if low:  # as near to fp32 as PyTorch's in bf16: what is rounded when differs with processors
         exact, exact_grads = run(low=False)
         for a, b, c in zip((*heads, *grads), (*plain, *plain_grads), (*exact, *exact_grads)):
             assert a.dtype == b.dtype and a.shape == b.shape
             assert (a - c).norm() <= 1.5 * (b - c).norm() + 1e-3 * c.norm()
         return
-    share = {torch.double: 1e-12, torch.float: 1e-5, torch.bfloat16: 0.03}[kind]
+    share = {torch.double: 1e-12, torch.float: 1e-5}[kind]
     for a, b in zip((*heads, *grads), (*plain, *plain_grads), strict=True):
         close(a, b, share)
 
