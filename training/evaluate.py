@@ -21,7 +21,6 @@ if __name__ == "__main__" and not __package__:  # run as a file: go on as a modu
 
 import argparse
 import json
-import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -103,15 +102,15 @@ def load_denoiser(path: Path, features: list[str]) -> Denoiser | Program:
     return Denoiser(model, features, features[0], "pu", [])
 
 
-def noise_of_reference(case: Case, psnr: float) -> float:
-    """The mean squared error that the reference has by itself, from the PSNR of the noisy input.
-    With n samples for each of the input's, of other paths, it has 1 / n of the input's variance,
-    and 1 / (n + 1) of that of their difference."""
+def noise_of_reference(case: Case, error: float) -> float:
+    """The mean squared error that the reference has by itself, from that of the noisy input. With n
+    samples for each of the input's, of other paths, it has 1 / n of the input's variance, and
+    1 / (n + 1) of that of their difference."""
     spp, target = case.source.spp, case.target.spp
     if not spp or not target or target <= spp:
         raise ToolError(f"{case.name}: --less_reference needs sample counts in the names of input "
                         "and reference, and more in the latter", DATA)
-    return 10 ** (-psnr / 10) / (target / spp + 1)
+    return error / (target / spp + 1)
 
 
 def evaluate(case: Case, path: Path, denoiser: Denoiser | Program, binary: Path | None,
@@ -133,13 +132,13 @@ def evaluate(case: Case, path: Path, denoiser: Denoiser | Program, binary: Path 
         if not isinstance(denoiser, Program) and denoiser.model.net.family == "U":
             theirs = peer.denoise(binary, images, path.resolve())
             row["agreement"] = peer.difference(outputs["lull"], theirs)
-    for method, image in outputs.items():
-        row[method] = metrics.measure(metrics.to_display(image, main, exposure), shown, names)
+    displays = {m: metrics.to_display(image, main, exposure) for m, image in outputs.items()}
+    row |= {m: metrics.measure(image, shown, names) for m, image in displays.items()}
     if less_reference:
-        noise = noise_of_reference(case, row["noisy"]["psnr"])
-        for method in outputs:
-            left = max(10 ** (-row[method]["psnr"] / 10) - noise, 1e-12)
-            row[method]["psnr"] = -10 * math.log10(left)
+        noise = noise_of_reference(case, metrics.mse(displays["noisy"], shown))
+        for method, image in displays.items():
+            left = max(metrics.mse(image, shown) - noise, 1e-12)
+            row[method]["psnr"] = metrics.decibels(left)
     return row
 
 

@@ -34,9 +34,13 @@ def mse(a: np.ndarray, b: np.ndarray) -> float:
     return float(np.mean((a.astype(np.float64) - b.astype(np.float64)) ** 2))
 
 
-def psnr(a: np.ndarray, b: np.ndarray) -> float:
-    error = mse(a, b)
+def decibels(error: float) -> float:
+    """PSNR of a mean squared error."""
     return 10 * math.log10(1 / error) if error > 0 else math.inf
+
+
+def psnr(a: np.ndarray, b: np.ndarray) -> float:
+    return decibels(mse(a, b))
 
 
 def ssim(a: np.ndarray, b: np.ndarray) -> float:

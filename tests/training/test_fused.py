@@ -173,13 +173,16 @@ def test_trunk(both, monkeypatch, model, kind, tiles):
 
     (heads, grads), (plain, plain_grads) = both(run)
     assert type(heads[0].grad_fn).__name__ == "TrunkBackward"
-    if low:  # as near to fp32 as PyTorch's in bf16: what is rounded when differs with processors
+    emulated = low and not trunk.relu_comes_along(kind)  # by PyTorch, which rounds elsewhere then
+    if tiles or emulated:  # (tiles: biases are not rounded) as near to fp32 as PyTorch's in bf16
         exact, exact_grads = run(low=False)
         for a, b, c in zip((*heads, *grads), (*plain, *plain_grads), (*exact, *exact_grads)):
             assert a.dtype == b.dtype and a.shape == b.shape
             assert (a - c).norm() <= 1.5 * (b - c).norm() + 1e-3 * c.norm()
+    if tiles:
         return
-    share = {torch.double: 1e-12, torch.float: 1e-5}[kind]
+    share = {torch.double: 1e-12, torch.float: 1e-5, torch.bfloat16: 0.03}[kind]
+    share = 0.1 if emulated else share
     for a, b in zip((*heads, *grads), (*plain, *plain_grads), strict=True):
         close(a, b, share)
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from training.errors import DATA, ToolError
 
+from . import backend
 from .mesh import Mesh, rotate, scale, smooth_normals, translate
 
 MAX_TRIANGLES = 400_000
@@ -57,7 +58,8 @@ def _mesh(mi, path: str) -> Mesh:
 
 
 def _image(mi, path: str) -> np.ndarray:
-    b = mi.Bitmap(path).convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, False)
+    with backend.reading():
+        b = mi.Bitmap(path).convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, False)
     return np.nan_to_num(np.array(b), posinf=6e4, neginf=0.0).clip(0, 6e4)
 
 

@@ -60,7 +60,7 @@ def load(variant: str = "llvm_ad_rgb", threads: int = 0) -> ModuleType:
     """Import Mitsuba with a variant and return its module; raises ToolError.
 
     threads: Dr.Jit worker threads, 0 = all cores. With 1, Bitmap.write of Mitsuba 3.9 never
-    returns, so images are written by files.py.
+    returns, so images are written by files.py, and read within reading().
     """
     if variant not in VARIANTS:
         raise ToolError(f"--variant: {variant!r} is none of {', '.join(VARIANTS)}", USAGE)

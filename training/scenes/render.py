@@ -160,8 +160,7 @@ def run(args: argparse.Namespace) -> None:
     mi = backend.load(args.variant, args.threads)
     import drjit as dr
     from . import assets
-    with backend.reading():
-        stock = assets.load(mi, args.assets)
+    stock = assets.load(mi, args.assets)
     failed = 0
     for k, seed in enumerate(todo):
         try:
