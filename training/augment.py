@@ -5,7 +5,8 @@ sharp, thin and irregular edges of foliage and lattices. A texture multiplies ra
 alike, as the reflectance of a surface does, or radiance alone, as a shadow does. Fireflies and hits
 are noise that the renderer of the data does not make. Wide pixel filters make neighbours' noise
 alike. Out of focus or in motion, each sample of a pixel sees another place, so that features are
-noise as well.
+noise as well. Minified, a picture shows more in each pixel than it was rendered with: textures and
+edges finer than a pixel, which are noise in features of few samples.
 """
 from __future__ import annotations
 
@@ -24,6 +25,7 @@ FINE_P = 0.35               # textures of waves that are finer than a pixel
 SHADOW_P = 0.25             # textures that multiply the radiance alone
 TINTED_P = 0.5              # noise of light found by chance whose hits have colours of their own
 ZOOMS = (1.5, 6.0)          # of enlarged tiles
+MINIFIED = 4                # most pixels across of the original in one of a minified tile
 NEAR = 3                    # pixels of the original around one from which its noise may come
 FADED_P, FADED = 0.4, 0.01  # enlarged tiles with less noise than the original, down to this share
 BLUR_REACH = 2              # pixels, of a wide pixel filter
@@ -48,6 +50,7 @@ class Augment:
     collage: float = 0.0    # share of hdr tiles that show two pictures
     texture: float = 0.0    # share of hdr tiles multiplied by a texture
     zoom: float = 0.0       # share of hdr tiles enlarged, their noise drawn anew
+    minify: float = 0.0     # share of hdr tiles minified, of pictures large enough for it
     blur: float = 0.0       # share of hdr tiles seen through a wide pixel filter
     defocus: float = 0.0    # share of hdr tiles of few samples out of focus or in motion
     drop: float = 0.0       # family K: share of tiles that lose auxiliary features
@@ -58,7 +61,7 @@ class Augment:
         """What the settings of a training ask for."""
         return cls(s.exposure_jitter, s.average_inputs, s.blend_target, s.mix_clean_aux,
                    s.normal_signs, s.fireflies, s.hits, s.collage, s.texture, s.zoom,
-                   s.pixel_filter, s.defocus, s.drop_features, s.clip)
+                   s.minify, s.pixel_filter, s.defocus, s.drop_features, s.clip)
 
 
 def add_fireflies(radiance: np.ndarray, rng: np.random.Generator) -> None:
@@ -192,6 +195,26 @@ def zoomed(x: np.ndarray, aux: np.ndarray, y: np.ndarray,
         iy, ix = nearby(lambda: rng.normal(0, 0.4, (h, w)))
         features = aux[iy, ix]
     return np.clip(light, 0.0, np.float32(color.HDR_MAX)), features, target
+
+
+def minified(x: np.ndarray, aux: np.ndarray, y: np.ndarray, factor: int, count: int, clean: bool,
+             rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Radiance, features and target [h,w,C] of pixels `factor` times as large: the target is the
+    mean over the factor x factor pixels of each, the input that of `count` of them, features
+    included unless `clean`. Of a picture with box-filtered pixels and samples independent of each
+    other that is what a renderer makes at that size, of `count` times the samples.
+    """
+    h, w = (n // factor for n in y.shape[:2])
+    cells = [image.reshape(h, factor, w, factor, -1).transpose(0, 2, 1, 3, 4)
+             .reshape(h, w, factor * factor, -1) for image in (x, aux, y)]
+    which = rng.random((h, w, factor * factor, 1)).argsort(2)[:, :, :count]
+
+    def some(cell: np.ndarray) -> np.ndarray:
+        return np.take_along_axis(cell, which, 2).mean(2, dtype=np.float32)
+
+    x, aux, y = cells
+    return some(x), aux.mean(2, dtype=np.float32) if clean else some(aux), \
+        y.mean(2, dtype=np.float32)
 
 
 def blurred(images: list[np.ndarray], rng: np.random.Generator) -> list[np.ndarray]:

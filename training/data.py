@@ -15,8 +15,8 @@ import torch
 from torch import Tensor
 
 from training import color, kernel_model
-from training.augment import DARKEST, DEFOCUS_SPP, PLAIN, SHADOW_P, Augment, add_fireflies, \
-    blurred, defocused, figure, hits_by_chance, texture, zoomed
+from training.augment import DARKEST, DEFOCUS_SPP, MINIFIED, PLAIN, SHADOW_P, Augment, \
+    add_fireflies, blurred, defocused, figure, hits_by_chance, minified, texture, zoomed
 from training.errors import DATA, ToolError
 from training.features import encode, load
 from training.scan import CHANNELS, FEATURES, Group, Scan
@@ -26,7 +26,8 @@ WHITES = (-0.5, 2.0)            # stops by which a tile is brighter before it is
 CLEANER = 16                    # samples of a target that inputs are blended towards, per theirs
 CLEAN_SPP = 256                 # samples of a target that hardly shows its own noise
 LEAST_NOISE = 0.2, 0.03         # that blending leaves: of targets with fewer samples, of clean ones
-ON_LIGHT = ("fireflies", "hits", "collage", "texture", "zoom", "blur", "defocus")  # of Augment
+ON_LIGHT = ("fireflies", "hits", "collage", "texture", "zoom", "blur", "defocus")  # of Augment,
+#   tile by tile; "minify" is drawn before the tile is cut
 BLACK_P = 0.01                  # tiles made black: aux features alone are no light
 
 
@@ -151,8 +152,9 @@ class Batches:
         short = [int(rng.integers(0, BORDER_MAX + 1)) if rng.random() < BORDER_P else 0
                  for _ in range(2)]
         th, tw = t - short[0], t - short[1]
-        cut = random_cut(picture.target, th, tw, rng)
-        x, y, clipped = self.light(picture, pair[1], cut, rng)
+        factor = self.factor(picture, rng)
+        cut = random_cut(picture.target, th * factor, tw * factor, rng)
+        x, y, clipped = self.light(picture, pair[1], cut, rng, factor)
         x, y = shuffle(x, y, self.features, self.main, rng, self.augment.signs)
         if x.shape[-1] > y.shape[-1] and rng.random() < BLACK_P:
             x[..., :y.shape[-1]] = 0.0
@@ -169,9 +171,18 @@ class Batches:
         u, drop = rng.random(), self.augment.drop
         return not (u < 0.5 * drop or 0.8 * drop <= u < drop), not u < 0.8 * drop
 
-    def light(self, picture: Picture, k: int, cut, rng) -> tuple[np.ndarray, np.ndarray, bool]:
+    def factor(self, picture: Picture, rng: np.random.Generator) -> int:
+        """Pixels across of the picture in one of a tile's."""
+        most = min(MINIFIED, min(picture.target.shape[:2]) // self.tile)
+        share = self.augment.minify if self.main == "hdr" else 0.0
+        if not share or most < 2 or rng.random() >= share:
+            return 1
+        return int(rng.integers(2, most + 1))
+
+    def light(self, picture: Picture, k: int, cut, rng,
+              factor: int = 1) -> tuple[np.ndarray, np.ndarray, bool]:
         """Input and target tile, [h,w,C] fp32, after the augmentations that touch radiance, and
-        whether they were clipped at 1."""
+        whether they were clipped at 1. cut: of the picture, `factor` times as large as the tile."""
         m, a, hdr = self.main_channels, self.augment, self.main == "hdr"
         x, y = picture.inputs[k][cut], picture.target[cut]
         aux = y[..., m:] if self.clean_aux else x[..., m:]
@@ -189,9 +200,14 @@ class Batches:
                              picture.weights)
         xm, ym = x[..., :m], y[..., :m]
         on = {k: bool(hdr and getattr(a, k) > 0 and rng.random() < getattr(a, k)) for k in ON_LIGHT}
-        on["zoom"] &= picture.target_spp >= CLEANER * spp
+        on["zoom"] &= picture.target_spp >= CLEANER * spp and factor == 1
+        count = 1
+        if factor > 1:
+            count = round(factor ** (2 * rng.random()))
+            spp *= count
         on["defocus"] &= spp <= DEFOCUS_SPP
-        if stops or average or blend or clip or any(on.values()):
+        clean = clean and y.shape[-1] > m or self.clean_aux
+        if factor > 1 or stops or average or blend or clip or any(on.values()):
             xr, yr = self.table.decode(xm), self.table.decode(ym)
             if average:
                 xr = np.average([self.table.decode(v[cut][..., :m]) for v in picture.inputs], 0,
@@ -199,6 +215,8 @@ class Batches:
             if blend:
                 least = LEAST_NOISE[picture.target_spp >= CLEAN_SPP]
                 xr = yr + np.float32(least ** rng.random()) * (xr - yr)
+            if factor > 1:
+                xr, aux, yr = minified(xr, aux, yr, factor, count, clean, rng)
             if on["zoom"]:
                 xr, aux, yr = zoomed(xr, aux, yr, rng)
             if on["hits"]:
@@ -208,7 +226,6 @@ class Batches:
             if on["texture"]:
                 xr, aux, yr = self.textured(xr, aux, yr, spp, rng)
             if on["defocus"]:
-                clean = clean and y.shape[-1] > m or self.clean_aux
                 xr, aux, yr = defocused(xr, aux, yr, spp, clean, rng)
             scale, top = np.float32(2.0**stops), np.float32(color.HDR_MAX)
             xr, yr = xr * scale, yr * scale

@@ -122,6 +122,8 @@ OPTIONS = (
     _o("--collage", "TL", 0.0, "share of hdr tiles that show two pictures", **FLOAT),
     _o("--texture", "TL", 0.0, "share of hdr tiles multiplied by a random texture", **FLOAT),
     _o("--zoom", "TL", 0.0, "share of hdr tiles enlarged, with noise at the new size", **FLOAT),
+    _o("--minify", "TL", 0.0, "share of hdr tiles of two to four pixels in one, where pictures are "
+       "so large", **FLOAT),
     _o("--pixel_filter", "TL", 0.0, "share of hdr tiles seen through a wide filter", **FLOAT),
     _o("--defocus", "TL", 0.0, "share of hdr tiles of few samples out of focus", **FLOAT),
     _o("--drop_features", "TL", None, "family K: share of tiles without all features", **FLOAT),

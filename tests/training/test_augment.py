@@ -5,7 +5,7 @@ import pytest
 
 from training import augment, color
 from training.augment import DARKEST, DEFOCUS, ZOOMS, Augment, between, blurred, defocused, \
-    enlarge, figure, hits_by_chance, texture, waves, zoomed
+    enlarge, figure, hits_by_chance, minified, texture, waves, zoomed
 from training.data import Batches, Picture
 
 F = ["hdr", "alb", "nrm"]
@@ -254,3 +254,54 @@ def test_only_pictures_of_few_samples_get_out_of_focus():
             p, 0, np.s_[:48, :48], np.random.default_rng(3))
             for a in (Augment(), Augment(defocus=1.0)))
         assert np.array_equal(plain[0], seen[0]) == np.array_equal(plain[1], seen[1]) == (spp > 16)
+
+
+def test_minified_pixels_are_what_a_renderer_makes_at_that_size():
+    """A pixel of the target is the mean of a cell; one of the input is the mean of `count` of the
+    cell's pixels, each as often as the others, with the features of the same ones."""
+    n, factor = 48, 3
+    y, x = np.mgrid[:n, :n]
+    code = (y * n + x).astype(np.float32)[..., None]
+    place = np.stack([y, x], -1).astype(np.float32)
+    cells = code.reshape(n // factor, factor, n // factor, factor).mean((1, 3))
+    light, aux, target = minified(code, place, code, factor, 1, False, np.random.default_rng(1))
+    assert np.array_equal(light[..., 0], aux[..., 0] * n + aux[..., 1])
+    assert np.array_equal(target[..., 0], cells)
+    at = (aux % factor @ np.float32([factor, 1])).astype(int)
+    assert np.array_equal(aux // factor, place[:n // factor, :n // factor])
+    counts = np.bincount(at.ravel(), minlength=factor * factor)
+    assert counts.min() > 0.5 * counts.mean() and len(counts) == factor * factor
+    noise = np.random.default_rng(2).random((384, 384, 1), np.float32)
+    still = np.zeros_like(noise)
+    for count in (1, 2, 5, 9):
+        light, _, _ = minified(noise, still, still, factor, count, False, np.random.default_rng(3))
+        assert abs(light.var() * count * 12 - 1) < 0.05
+    light, aux, target = minified(noise, noise, noise, factor, 2, True, np.random.default_rng(4))
+    assert np.array_equal(aux, target) and not np.array_equal(light, target)
+
+
+def test_large_pictures_are_minified():
+    """All of a picture twice and three times as wide as the tile; samples count for more."""
+    rng = np.random.default_rng(9)
+    y = rng.uniform(0.1, 0.6, (56, 60, 9)).astype(np.float16)
+    p = Picture("g", [y], [1.0], y, target_spp=32.0)
+
+    def tiles(tile: int, share: float = 1.0, **more):
+        batches = Batches([p], F, "hdr", "pu", 1, tile, 1, Augment(minify=share, **more))
+        return batches, [batches[k] for k in range(30)]
+
+    for tile, factors in ((16, {2, 3}), (28, {2}), (32, {1})):
+        batches, made = tiles(tile)
+        assert {batches.factor(p, rng) for _ in range(50)} == factors
+        assert all(x.shape == (1, 9, tile, tile) and t.shape == (1, 3, tile, tile) for x, t in made)
+        spread = np.median([float(t.std()) for _, t in made])
+        assert (spread < 0.11) == (tile < 32)
+    assert tiles(16, 0.0)[0].factor(p, rng) == 1
+    mean = y[:56, :56, 3:].astype(np.float32).reshape(28, 2, 28, 2, 6).mean((1, 3))
+    away = []
+    for seed in range(20):  # counts of 1 to 4
+        out, target, _ = Batches([p], F, "hdr", "pu", 1, 28, 1, Augment(minify=1.0)).light(
+            p, 0, np.s_[:56, :56], np.random.default_rng(seed), 2)
+        assert out.shape == (28, 28, 9) and target.shape == (28, 28, 3)
+        away.append(np.abs(out[..., 3:] - mean).mean())
+    assert min(away) < 1e-6 and max(away) > 0.05
