@@ -203,7 +203,7 @@ class Batches:
         on["zoom"] &= picture.target_spp >= CLEANER * spp and factor == 1
         count = 1
         if factor > 1:
-            count = round(factor ** (2 * rng.random()))
+            count = round(factor ** (2 * rng.random() ** 2))
             spp *= count
         on["defocus"] &= spp <= DEFOCUS_SPP
         clean = clean and y.shape[-1] > m or self.clean_aux
