@@ -20,6 +20,7 @@ typedef struct denoise_settings {
     const char *outputs[MAX_OUTPUTS];
     int output_count;
     int is_hdr, is_srgb, is_directional, is_aux_clean, is_in_place;
+    int is_prefiltering; /* the albedo is denoised by itself first */
     int only_given; /* --no_aux: do not look for albedo and normal in the colour's file */
     int is_json, is_checking, is_repairing, is_help, is_list;
     int type, quality, storage, runs, max_memory;
@@ -57,7 +58,7 @@ int denoise_is_signed(const denoise_settings *settings, image_role role);
 typedef struct denoise_session {
     const denoise_settings *settings;
     OIDNDevice device;
-    OIDNFilter filter;
+    OIDNFilter filter, albedo_filter; /* the latter for --prefilter; made when needed */
     void *weights; /* malloc */
     size_t weights_size;
     json *report;

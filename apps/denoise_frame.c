@@ -54,6 +54,8 @@ void denoise_end(denoise_session *session)
 {
     if (session->filter)
         oidnReleaseFilter(session->filter);
+    if (session->albedo_filter)
+        oidnReleaseFilter(session->albedo_filter);
     if (session->device)
         oidnReleaseDevice(session->device);
     free(session->weights);
@@ -175,6 +177,45 @@ static exit_code make_views(frame_job *job)
         device_image_init(&job->output_view, device, &job->output, storage))
         return device_error(job, 0);
     return device_error(job, 0);
+}
+
+/* --prefilter: denoises the albedo in its own memory, without help of other images. Where few
+ * samples see a fine texture each, an albedo is as noisy as the light. */
+static exit_code prefilter_albedo(frame_job *job)
+{
+    const denoise_settings *s = job->settings;
+    denoise_session *session = job->session;
+    double start = platform_clock();
+    OIDNFilter filter;
+    exit_code code;
+    if (!s->is_prefiltering)
+        return EXIT_OK;
+    report_line("Prefiltering albedo\n");
+    if (!job->views[IMAGE_ALBEDO].img || job->inputs.main == IMAGE_ALBEDO) {
+        report_line("  there is none beside the image\n");
+        return EXIT_OK;
+    }
+    if (!session->albedo_filter)
+        session->albedo_filter = oidnNewFilter(session->device, "RT");
+    filter = session->albedo_filter;
+    device_image_set(&job->views[IMAGE_ALBEDO], filter, "albedo");
+    device_image_set(&job->views[IMAGE_ALBEDO], filter, "output");
+    if (s->quality >= 0)
+        oidnSetFilterInt(filter, "quality", s->quality);
+    if (s->max_memory >= 0)
+        oidnSetFilterInt(filter, "maxMemoryMB", s->max_memory);
+    session->percent = -1;
+    oidnSetFilterProgressMonitorFunction(filter, on_progress, session);
+    oidnCommitFilter(filter);
+    oidnExecuteFilter(filter);
+    code = device_error(job, 0);
+    if (session->shows_progress)
+        fprintf(stderr, "\r               \r");
+    if (!code) {
+        report_line("  msec=%g\n", 1000 * (platform_clock() - start));
+        json_number(session->report, "prefilter_msec", 1000 * (platform_clock() - start));
+    }
+    return code;
 }
 
 /* Sets images and parameters and commits. */
@@ -465,6 +506,8 @@ static exit_code process(frame_job *job)
         code = denoise_load_reference(&job->reference, job->settings, &job->inputs, job->frame);
     if (!code)
         code = make_views(job);
+    if (!code)
+        code = prefilter_albedo(job);
     if (!code)
         code = make_filter(job);
     if (!code)
