@@ -179,43 +179,69 @@ static exit_code make_views(frame_job *job)
     return device_error(job, 0);
 }
 
-/* --prefilter: denoises the albedo in its own memory, without help of other images. Where few
- * samples see a fine texture each, an albedo is as noisy as the light. */
-static exit_code prefilter_albedo(frame_job *job)
+/* Makes a filter of the session, once. */
+static exit_code make_once(frame_job *job, OIDNFilter *filter, const char *type)
+{
+    if (*filter)
+        return EXIT_OK;
+    *filter = oidnNewFilter(job->session->device, type);
+    return device_error(job, 0);
+}
+
+/* Sets what all filters of the session have in common, and commits. */
+static void commit(frame_job *job, OIDNFilter filter)
 {
     const denoise_settings *s = job->settings;
-    denoise_session *session = job->session;
-    double start = platform_clock();
-    OIDNFilter filter;
-    exit_code code;
-    if (!s->is_prefiltering)
-        return EXIT_OK;
-    report_line("Prefiltering albedo\n");
-    if (!job->views[IMAGE_ALBEDO].img || job->inputs.main == IMAGE_ALBEDO) {
-        report_line("  there is none beside the image\n");
-        return EXIT_OK;
-    }
-    if (!session->albedo_filter)
-        session->albedo_filter = oidnNewFilter(session->device, "RT");
-    filter = session->albedo_filter;
-    device_image_set(&job->views[IMAGE_ALBEDO], filter, "albedo");
-    device_image_set(&job->views[IMAGE_ALBEDO], filter, "output");
     if (s->quality >= 0)
         oidnSetFilterInt(filter, "quality", s->quality);
     if (s->max_memory >= 0)
         oidnSetFilterInt(filter, "maxMemoryMB", s->max_memory);
-    session->percent = -1;
-    oidnSetFilterProgressMonitorFunction(filter, on_progress, session);
+    oidnSetFilterProgressMonitorFunction(filter, on_progress, job->session);
     oidnCommitFilter(filter);
+}
+
+/* Runs a committed filter, with its progress. */
+static exit_code run_filter(frame_job *job, OIDNFilter filter)
+{
+    exit_code code;
+    if (platform_interrupted())
+        return EXIT_INTERRUPTED;
+    job->session->percent = -1;
     oidnExecuteFilter(filter);
     code = device_error(job, 0);
-    if (session->shows_progress)
+    if (job->session->shows_progress)
         fprintf(stderr, "\r               \r");
-    if (!code) {
-        report_line("  msec=%g\n", 1000 * (platform_clock() - start));
-        json_number(session->report, "prefilter_msec", 1000 * (platform_clock() - start));
-    }
     return code;
+}
+
+/* --prefilter: denoises the albedo in its own memory, without help of other images. Where few
+ * samples see a fine texture each, an albedo is as noisy as the light. */
+static exit_code prefilter_albedo(frame_job *job)
+{
+    const device_image *albedo = &job->views[IMAGE_ALBEDO];
+    OIDNFilter *filter = &job->session->albedo_filter;
+    double start = platform_clock(), seconds;
+    exit_code code;
+    if (!job->settings->is_prefiltering)
+        return EXIT_OK;
+    report_line("Prefiltering albedo\n");
+    if (!albedo->img || job->inputs.main == IMAGE_ALBEDO) {
+        report_line("  there is none beside the image\n");
+        return EXIT_OK;
+    }
+    code = make_once(job, filter, "RT");
+    if (code)
+        return code;
+    device_image_set(albedo, *filter, "albedo");
+    device_image_set(albedo, *filter, "output");
+    commit(job, *filter);
+    code = run_filter(job, *filter);
+    if (code)
+        return code;
+    seconds = platform_clock() - start;
+    report_line("  msec=%g\n", 1000 * seconds);
+    json_number(job->session->report, "prefilter_msec", 1000 * seconds);
+    return EXIT_OK;
 }
 
 /* Sets images and parameters and commits. */
@@ -241,15 +267,10 @@ static void configure(frame_job *job)
     }
     if (!isnan(s->input_scale))
         oidnSetFilterFloat(filter, "inputScale", s->input_scale);
-    if (s->quality >= 0)
-        oidnSetFilterInt(filter, "quality", s->quality);
-    if (s->max_memory >= 0)
-        oidnSetFilterInt(filter, "maxMemoryMB", s->max_memory);
     if (job->session->weights)
         oidnSetSharedFilterData(filter, "weights", job->session->weights,
                                 job->session->weights_size);
-    oidnSetFilterProgressMonitorFunction(filter, on_progress, job->session);
-    oidnCommitFilter(filter);
+    commit(job, filter);
 }
 
 static exit_code make_filter(frame_job *job)
@@ -258,12 +279,9 @@ static exit_code make_filter(frame_job *job)
     image *normal = &job->inputs.images[IMAGE_NORMAL];
     exit_code code;
     report_line("Initializing filter\n");
-    if (!job->session->filter) {
-        job->session->filter = oidnNewFilter(job->session->device, job->settings->filter);
-        code = device_error(job, 0);
-        if (code)
-            return code;
-    }
+    code = make_once(job, &job->session->filter, job->settings->filter);
+    if (code)
+        return code;
     configure(job);
     if (job->inputs.is_found[IMAGE_NORMAL] && !job->inputs.images[IMAGE_ALBEDO].pixels &&
         oidnGetDeviceError(job->session->device, NULL) != OIDN_ERROR_NONE) {
@@ -294,15 +312,8 @@ static void rewind_input(frame_job *job)
 static exit_code execute(frame_job *job, double *seconds)
 {
     double start = platform_clock();
-    exit_code code;
-    if (platform_interrupted())
-        return EXIT_INTERRUPTED;
-    job->session->percent = -1;
-    oidnExecuteFilter(job->session->filter);
-    code = device_error(job, 0);
+    exit_code code = run_filter(job, job->session->filter);
     *seconds = platform_clock() - start;
-    if (job->session->shows_progress)
-        fprintf(stderr, "\r               \r");
     if (!code)
         device_image_download(job->settings->is_in_place ? &job->views[job->inputs.main]
                                                          : &job->output_view);

@@ -185,28 +185,25 @@ class Batches:
         whether they were clipped at 1. cut: of the picture, `factor` times as large as the tile."""
         m, a, hdr = self.main_channels, self.augment, self.main == "hdr"
         x, y = picture.inputs[k][cut], picture.target[cut]
-        aux = y[..., m:] if self.clean_aux else x[..., m:]
+        aux = x[..., m:]
         stops = rng.uniform(-a.exposure, a.exposure) if hdr and a.exposure else 0.0
         average = rng.random() < a.average and len(picture.inputs) > 1
         spp = sum(picture.weights) if average else picture.weights[k]
         # Never towards a target of like noise: it would teach to keep noise.
         blend = rng.random() < a.blend and picture.target_spp >= CLEANER * spp
-        clean = rng.random() < a.clean_aux
+        clean = rng.random() < a.clean_aux and y.shape[-1] > m or self.clean_aux
         clip = self.family == "K" and hdr and rng.random() < a.clip
-        if y.shape[-1] > m and clean:
+        if clean:
             aux = y[..., m:]
-        elif average and not self.clean_aux:
+        elif average:
             aux = np.average([v[cut][..., m:].astype(np.float32) for v in picture.inputs], 0,
                              picture.weights)
         xm, ym = x[..., :m], y[..., :m]
         on = {k: bool(hdr and getattr(a, k) > 0 and rng.random() < getattr(a, k)) for k in ON_LIGHT}
         on["zoom"] &= picture.target_spp >= CLEANER * spp and factor == 1
-        count = 1
-        if factor > 1:
-            count = round(factor ** (2 * rng.random() ** 2))
-            spp *= count
+        count = round(factor ** (2 * rng.random() ** 2)) if factor > 1 else 1
+        spp *= count
         on["defocus"] &= spp <= DEFOCUS_SPP
-        clean = clean and y.shape[-1] > m or self.clean_aux
         if factor > 1 or stops or average or blend or clip or any(on.values()):
             xr, yr = self.table.decode(xm), self.table.decode(ym)
             if average:
@@ -250,7 +247,7 @@ class Batches:
         other = self.pictures[i]
         cut = random_cut(other.target, h, w, rng)
         codes, target = other.inputs[k][cut], other.target[cut]
-        features = target if self.clean_aux or clean and target.shape[-1] > m else codes
+        features = target if clean and target.shape[-1] > m else codes
         gain = np.float32(2.0 ** rng.uniform(-3, 3))
         share = figure(h, w, rng)
         edge = (share > 0) & (share < 1)

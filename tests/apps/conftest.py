@@ -10,7 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.apps.tools import identity_weights, noise, planes, write_exr, write_png
+from tests.apps.tools import (identity_weights, noise, planes, write_exr, write_png,
+                              write_scene)
 
 
 @dataclass(frozen=True)
@@ -79,6 +80,13 @@ def work(tmp_path: Path, monkeypatch) -> Path:
     """An empty working folder that the programs run in."""
     monkeypatch.chdir(tmp_path)
     return tmp_path
+
+
+@pytest.fixture
+def frame(work: Path) -> dict:
+    """color.pfm, albedo.pfm, normal.pfm, clean.pfm, 64x48 pixels, in the working folder."""
+    return write_scene(work, 48, 64)
+
 
 
 @pytest.fixture(scope="session")

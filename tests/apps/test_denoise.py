@@ -9,21 +9,12 @@ import numpy as np
 import pytest
 
 from tests.apps import tools as t
+from tests.apps.tools import ALL
 
-H, W = 48, 64
-
-
-@pytest.fixture
-def frame(work):
-    """color.pfm, albedo.pfm, normal.pfm, clean.pfm in the working folder."""
-    images = t.scene(H, W)
-    for name, image in images.items():
-        t.write_pfm(work / f"{name}.pfm", image)
-    return images
+H, W = 48, 64  # of the fixture frame
 
 
 WEIGHTS = Path(__file__).parents[2] / "weights"
-ALL = ("--hdr", "color.pfm", "--alb", "albedo.pfm", "--nrm", "normal.pfm")
 
 
 def test_result_lines(denoise, identity, frame):

@@ -5,20 +5,9 @@ from __future__ import annotations
 import re
 
 import numpy as np
-import pytest
 
 from tests.apps import tools as t
-
-ALL = ("--hdr", "color.pfm", "--alb", "albedo.pfm", "--nrm", "normal.pfm")
-
-
-@pytest.fixture
-def frame(work):
-    """color.pfm, albedo.pfm, normal.pfm in the working folder."""
-    images = t.scene(48, 64)
-    for name, image in images.items():
-        t.write_pfm(work / f"{name}.pfm", image)
-    return images
+from tests.apps.tools import ALL
 
 
 def test_prefilter_denoises_the_albedo_first(denoise, frame, work):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import pytest
 
-from tests.apps import tools as t
 from tests.apps.conftest import runner
 
 
@@ -12,12 +11,6 @@ from tests.apps.conftest import runner
 def yimgdenoise(build):
     """Runs yimgdenoise."""
     return runner(build / "bin" / "yimgdenoise")
-
-
-@pytest.fixture
-def frame(work):
-    for name, image in t.scene(48, 64).items():
-        t.write_pfm(work / f"{name}.pfm", image)
 
 
 @pytest.mark.parametrize(

@@ -17,10 +17,7 @@ def nlm(build):
 
 @pytest.fixture
 def frame(work):
-    images = t.scene(96, 128)
-    for name, image in images.items():
-        t.write_pfm(work / f"{name}.pfm", image)
-    return images
+    return t.write_scene(work, 96, 128)
 
 
 FILES = "-i", "color.pfm", "-o", "out.pfm", "-a", "albedo.pfm", "-n", "normal.pfm"

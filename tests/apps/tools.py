@@ -25,6 +25,10 @@ def noise(height: int, width: int, channels: int = 3, seed: int = 1) -> np.ndarr
     return np.random.default_rng(seed).random((height, width, channels)).astype(np.float32)
 
 
+# The images of write_scene, for oidnDenoise.
+ALL = ("--hdr", "color.pfm", "--alb", "albedo.pfm", "--nrm", "normal.pfm")
+
+
 def scene(height: int = 96, width: int = 128, seed: int = 1) -> dict[str, np.ndarray]:
     """Noisy colour, albedo and normal of a picture with edges; clean colour."""
     rng = np.random.default_rng(seed)
@@ -45,6 +49,15 @@ def scene(height: int = 96, width: int = 128, seed: int = 1) -> dict[str, np.nda
 
 
 # ---- Weights -------------------------------------------------------------------------------------
+
+
+def write_scene(folder: Path, height: int, width: int) -> dict[str, np.ndarray]:
+    """The images of `scene` as color.pfm, albedo.pfm, normal.pfm, clean.pfm; returns them."""
+    images = scene(height, width)
+    for name, image in images.items():
+        write_pfm(folder / f"{name}.pfm", image)
+    return images
+
 
 
 def write_tza(path: Path, tensors: list[tuple[str, np.ndarray]]) -> Path:

@@ -286,8 +286,8 @@ def test_large_pictures_are_minified():
     y = rng.uniform(0.1, 0.6, (56, 60, 9)).astype(np.float16)
     p = Picture("g", [y], [1.0], y, target_spp=32.0)
 
-    def tiles(tile: int, share: float = 1.0, **more):
-        batches = Batches([p], F, "hdr", "pu", 1, tile, 1, Augment(minify=share, **more))
+    def tiles(tile: int, share: float = 1.0):
+        batches = Batches([p], F, "hdr", "pu", 1, tile, 1, Augment(minify=share))
         return batches, [batches[k] for k in range(30)]
 
     for tile, factors in ((16, {2, 3}), (28, {2}), (32, {1})):
