@@ -3,7 +3,8 @@
     python -m export.golden_kernel [tests/golden/kernel]
 
 The folder gets weights.tza, {color,albedo,normal}.f32 ([H,W,3], little endian) and, for each set
-of features and content, out_<features>_<content>.f32. tests/core/test_kernel.c compares the C core
+of features and content, out_<features>_<content>.f32; and prefilter.tza, the same model behind a
+prefilter, with pre_<features>_<content>.f32. tests/core/test_kernel.c compares the C core
 with them to the bit.
 """
 from __future__ import annotations
@@ -21,10 +22,12 @@ from export.reference import NARROW_MAX, IntLayer
 from export.tza import Writer
 
 WIDTHS = (5, 4, 6, 4, 8, 7, 8, 8, 9, 8, 8, 6, 6, 4)  # those that heads read are even
-WORDS = ("0a", "1b", "2a", "4b", "dec2", "dec0", "head1")  # layers whose sums fit words
+BEFORE = (6, 8, 7, 8, 9, 8, 6)  # of the prefilter
+WORDS = ("0a", "1b", "2a", "4b", "dec2", "dec0", "head1", "pre_dec1")  # layers whose sums fit words
 HEIGHT, WIDTH = 37, 45
 CASES = ((7, "hdr"), (7, "ldr"), (7, "srgb"), (1, "hdr"), (3, "hdr"), (5, "lightmap-hdr"),
          (1, "lightmap-dir"), (2, "ldr"), (4, "ldr"))
+WITH_PREFILTER = ((7, "hdr"), (7, "srgb"), (3, "ldr"), (5, "hdr"), (2, "ldr"))
 FEATURE_BITS = {"color": 1, "albedo": 2, "normal": 4}
 
 
@@ -32,12 +35,9 @@ def weights(rng: np.random.Generator, groups: Callable, shape: tuple[int, ...]) 
     return Bound(groups(shape[1:])).kernels(rng.integers(-60, 70, shape))
 
 
-def random_model(seed: int) -> kernel.IntTrunk:
-    """A K model with random weights whose codes neither vanish nor all saturate."""
-    rng = np.random.default_rng(seed)
-    trunk = kernel.read_trunks()[0]
-    channels, layers = {"input": kernel.INPUTS}, []
-    widths = WIDTHS + (52, 27, 27, 27, 27)
+def random_layers(rng: np.random.Generator, trunk: kernel.Trunk,
+                  widths: tuple[int, ...]) -> list[IntLayer]:
+    channels, layers = {"input": trunk.inputs}, []
     for layer, o in zip(trunk.layers, widths, strict=True):
         c, head = channels[layer.source], layer.name in trunk.heads
         shape = (4 * o, c, 2, 2) if layer.up else (o, c, 1, 1) if head else (o, c, 3, 3)
@@ -51,7 +51,19 @@ def random_model(seed: int) -> kernel.IntTrunk:
         layers.append(IntLayer(layer, kernel.widened(weight) if head else weight, skip, bias, scale,
                                0, NARROW_MAX, NARROW_MAX, NARROW_MAX))
         channels[layer.name] = o
-    return kernel.IntTrunk(trunk, layers, bilateral=kernel.ALL_STEPS)
+    return layers
+
+
+def random_model(seed: int, has_prefilter: bool = False) -> kernel.IntTrunk:
+    """A K model with random weights whose codes neither vanish nor all saturate."""
+    rng = np.random.default_rng(seed)
+    trunk = kernel.read_trunks()[0]
+    layers = random_layers(rng, trunk, WIDTHS + (52, 27, 27, 27, 27))
+    model = kernel.IntTrunk(trunk, layers, bilateral=kernel.ALL_STEPS)
+    if has_prefilter:
+        before = kernel.read_trunks(family="P")[0]
+        model.prefilter = kernel.IntTrunk(before, random_layers(rng, before, BEFORE + (25,)))
+    return model
 
 
 def pictures(seed: int) -> dict[str, np.ndarray]:
@@ -71,16 +83,18 @@ def pictures(seed: int) -> dict[str, np.ndarray]:
 
 def main(folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
-    with Writer(folder / "weights.tza") as w:
-        for name, array in tensors_of(random_model(1)).items():
-            w.write(name, np.ascontiguousarray(array))
-    model, images = kernel.load(folder / "weights.tza"), pictures(2)
+    images = pictures(2)
     for name, image in images.items():
         image.astype("<f4").tofile(folder / f"{name}.f32")
-    for features, content in CASES:
-        chosen = {f: i for f, i in images.items() if features & FEATURE_BITS[f]}
-        out = kernel.run_frame(model, pixels.Frame(chosen, content))
-        out.astype("<f4").tofile(folder / f"out_{features}_{content}.f32")
+    for name, prefix, cases in (("weights", "out", CASES), ("prefilter", "pre", WITH_PREFILTER)):
+        with Writer(folder / f"{name}.tza") as w:
+            for tensor, array in tensors_of(random_model(1, prefix == "pre")).items():
+                w.write(tensor, np.ascontiguousarray(array))
+        model = kernel.load(folder / f"{name}.tza")
+        for features, content in cases:
+            chosen = {f: i for f, i in images.items() if features & FEATURE_BITS[f]}
+            out = kernel.run_frame(model, pixels.Frame(chosen, content))
+            out.astype("<f4").tofile(folder / f"{prefix}_{features}_{content}.f32")
 
 
 if __name__ == "__main__":

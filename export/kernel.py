@@ -22,6 +22,7 @@ from export.tza import Reader
 
 F = np.float32
 INPUTS, LEVELS, TAPS = 12, 5, 25
+PICKED = (3, 4, 5, 9)       # of them, what a prefilter sees
 RADIANCE_MAX = F(65504)
 LOG_GAIN, CODES_PER_OCTAVE = F(32), F(21.2493764)
 PER_CODE = F(0.0901684401)  # log2(e) / 16
@@ -53,17 +54,21 @@ class Trunk(Net):
     heads: tuple[str, ...] = ()
 
     @property
+    def inputs(self) -> int:
+        return len(PICKED) if self.family == "P" else INPUTS
+
+    @property
     def wide(self) -> frozenset[str]:
         return frozenset()
 
 
-def read_trunks(path: Path = NETS_DEF) -> list[Trunk]:
-    """The K nets of nets.def."""
+def read_trunks(path: Path = NETS_DEF, family: str = "K") -> list[Trunk]:
+    """The K nets of nets.def; or the prefilters, of family P, which have one head."""
     rows = [[a.strip() for a in body.split(",")]
             for body in re.findall(r"^HEAD\s*\((.*?)\)", path.read_text(), flags=re.M)]
     trunks = []
     for net in read_nets(path):
-        if net.family != "K":
+        if net.family != family:
             continue
         heads = sorted((int(level), name, source) for n, name, source, level in rows
                        if n == net.name)
@@ -86,11 +91,18 @@ def widened(weight: np.ndarray) -> np.ndarray:
     return np.pad(weight, ((0, 0), (0, 0), (1, 1), (1, 1)))
 
 
+def find_prefilter(tensors: Mapping[str, np.ndarray]) -> Trunk | None:
+    """The prefilter whose weights are among these."""
+    return next((p for p in read_trunks(family="P") if f"{p.key}.weight" in tensors), None)
+
+
 class FloatTrunk(FloatModel):
-    """fp32 execution of a K model's fp16 weights; inputs are codes / 255."""
+    """fp32 execution of a K model's fp16 weights; inputs are codes / 255. Tensors of other nets are
+    left alone."""
 
     def __init__(self, trunk: Trunk, tensors: Mapping[str, np.ndarray]):
-        tensors = {k: np.asarray(v, F) for k, v in tensors.items()}
+        names = {x.name for x in trunk.layers}
+        tensors = {k: np.asarray(v, F) for k, v in tensors.items() if k.partition(".")[0] in names}
         for head in trunk.heads:
             tensors[f"{head}.weight"] = widened(tensors[f"{head}.weight"])
         super().__init__(trunk, tensors)
@@ -99,8 +111,10 @@ class FloatTrunk(FloatModel):
 class IntTrunk(IntModel):
     """Exact execution of a K model: codes [H,W,12] in, head codes out."""
 
+    prefilter: IntTrunk | None = None  # what runs before it
+
     def __init__(self, trunk: Trunk, layers: list[IntLayer], bilateral: int = 0):
-        super().__init__(trunk, layers, np.full(INPUTS, 255.0), 1.0)
+        super().__init__(trunk, layers, np.full(trunk.inputs, 255.0), 1.0)
         self.bilateral = bilateral  # 0 or a value of BILATERAL
 
     def codes(self, x: np.ndarray) -> np.ndarray:
@@ -116,22 +130,28 @@ def check_trunk(model: IntTrunk, file: str) -> None:
         check_layer(x, file)
 
 
-def macs_per_pixel(layers: list[IntLayer]) -> float:
-    """Multiply-adds per full-resolution pixel, of the 3x3 kernels before folding and the heads."""
-    area, total = {"input": 1.0}, 0.0
-    for x in layers:
-        layer, own = x.layer, area[x.layer.source] * (4 if x.layer.up else 1)
-        inputs = x.weight.shape[1] + (x.skip.shape[1] if x.skip is not None else 0)
-        taps = 1 if x.weight.shape[2] == 3 and not x.weight[:, :, 0].any() else 9
-        total += own * taps * inputs * x.outputs
-        area[layer.name] = own / (4 if layer.pool else 1)
-    return total
-
-
 def int_trunk(tensors: Mapping[str, np.ndarray], file: str) -> IntTrunk:
     """A K model from the tensors of its file, checked as a loader must."""
-    trunk = find_trunk(tensors, file)
-    channels, layers = {"input": INPUTS}, []
+    model = IntTrunk(*_layers(find_trunk(tensors, file), tensors, file),
+                     bilateral_of(tensors, file))
+    model.prefilter = int_prefilter(tensors, file)
+    check_trunk(model, file)
+    return model
+
+
+def int_prefilter(tensors: Mapping[str, np.ndarray], file: str) -> IntTrunk | None:
+    """The prefilter among the tensors of a file, checked; None if there is none."""
+    net = find_prefilter(tensors)
+    if net is None:
+        return None
+    prefilter = IntTrunk(*_layers(net, tensors, file))
+    check_trunk(prefilter, file)
+    return prefilter
+
+
+def _layers(trunk: Trunk, tensors: Mapping[str, np.ndarray],
+            file: str) -> tuple[Trunk, list[IntLayer]]:
+    channels, layers = {"input": trunk.inputs}, []
     for layer in trunk.layers:
         name, c, is_head = layer.name, channels[layer.source], layer.name in trunk.heads
         o = tensors[f"{name}.bias"].shape[0]
@@ -146,9 +166,7 @@ def int_trunk(tensors: Mapping[str, np.ndarray], file: str) -> IntTrunk:
                                _tensor(tensors, f"{name}.scale", F, (o,), file), 0,
                                NARROW_MAX, NARROW_MAX, NARROW_MAX))
         channels[name] = o
-    model = IntTrunk(trunk, layers, bilateral_of(tensors, file))
-    check_trunk(model, file)
-    return model
+    return trunk, layers
 
 
 def bilateral_of(tensors: Mapping[str, np.ndarray], file: str) -> int:
@@ -221,12 +239,29 @@ def _upsampled(x: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     return x
 
 
-def feature_means(head: np.ndarray, image: np.ndarray) -> np.ndarray:
+def feature_means(head: np.ndarray, image: np.ndarray, first: int = ALBEDO) -> np.ndarray:
     """5x5 means of the albedo or the normal [H,W,3] by the kernel that level 0's head has for
-    them."""
+    them; first: the channel of the head with which its logits begin."""
     v = np.concatenate((np.ones_like(image[..., :1]), image), -1)
-    sums = sums_5x5(weight_table()[head[:v.shape[0], :v.shape[1], ALBEDO:ALBEDO + TAPS]], v)
+    sums = sums_5x5(weight_table()[head[:v.shape[0], :v.shape[1], first:first + TAPS]], v)
     return sums[..., 1:] * (F(1) / sums[..., :1])
+
+
+def padded(codes: np.ndarray) -> np.ndarray:
+    """Codes [H,W,C] with zeros below and to the right, as networks want them."""
+    h, w, _ = codes.shape
+    return np.pad(codes, ((0, -h % ALIGN), (0, -w % ALIGN), (0, 0)))
+
+
+def prefiltered(prefilter: IntTrunk, codes: np.ndarray, albedo: np.ndarray) -> np.ndarray:
+    """The albedo [H,W,3] as a prefilter leaves it; codes: of encode."""
+    head = prefilter.maps(padded(codes[..., PICKED]))[prefilter.net.heads[0]]
+    return feature_means(head, albedo, 0)
+
+
+def seen_albedo(albedo: np.ndarray) -> np.ndarray:
+    """An albedo as networks count it."""
+    return without_black(pixels.sanitize(albedo, 1.0, 0.0, 1.0))
 
 
 def apply_filter(heads: list[np.ndarray], radiance: np.ndarray, albedo: np.ndarray | None,
@@ -292,11 +327,13 @@ def run_frame(model: IntTrunk, frame: pixels.Frame, channels: int = 3) -> np.nda
                                 -1.0 if f == "normal" else 0.0, 1.0)
             aux[f] = without_black(v) if f == "albedo" else v
     codes = encode(r, aux["albedo"], aux["normal"], not rule.is_hdr)
-    h, w, _ = r.shape
-    codes = np.pad(codes, ((0, -h % ALIGN), (0, -w % ALIGN), (0, 0)))
-    maps = model.maps(codes)
-    v = apply_filter([maps[n] for n in model.net.heads], r, aux["albedo"], aux["normal"],
-                     guide_of(codes[:h, :w]), model.bilateral, not rule.is_hdr)
+    guide = guide_of(codes)
+    if model.prefilter and aux["albedo"] is not None:
+        aux["albedo"] = prefiltered(model.prefilter, codes, aux["albedo"])
+        codes = encode(r, seen_albedo(aux["albedo"]), aux["normal"], not rule.is_hdr)
+    maps = model.maps(padded(codes))
+    v = apply_filter([maps[n] for n in model.net.heads], r, aux["albedo"], aux["normal"], guide,
+                     model.bilateral, not rule.is_hdr)
     v = pixels.sanitize(v, 1.0, 0.0, pixels.MAX)
     v = pixels.srgb_forward(v) if frame.content == "srgb" and not rule.is_signed else v
     return frame.stored(v, channels)

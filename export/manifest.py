@@ -15,7 +15,7 @@ import hashlib
 import sys
 from pathlib import Path
 
-from export.kernel import int_trunk, macs_per_pixel
+from export.kernel import IntTrunk, int_trunk
 from export.tza import Reader, TzaError
 
 FOLDER = Path(__file__).resolve().parent.parent / "weights"
@@ -41,15 +41,30 @@ def digest(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
+def macs_per_pixel(model: IntTrunk) -> float:
+    """Multiply-adds per full-resolution pixel, of the 3x3 kernels before folding and the heads."""
+    area, total = {"input": 1.0}, macs_per_pixel(model.prefilter) if model.prefilter else 0.0
+    for x in model.layers:
+        layer, own = x.layer, area[x.layer.source] * (4 if x.layer.up else 1)
+        inputs = x.weight.shape[1] + (x.skip.shape[1] if x.skip is not None else 0)
+        taps = 1 if x.weight.shape[2] == 3 and not x.weight[:, :, 0].any() else 9
+        total += own * taps * inputs * x.outputs
+        area[layer.name] = own / (4 if layer.pool else 1)
+    return total
+
+
 def describe(path: Path) -> str:
     """Topology, widths and cost of a weights file."""
     from training.nets import from_tensors, identify
     tensors = Reader(path)
     net = identify(list(tensors))
     if net.family == "K":
-        layers = int_trunk(tensors, str(path)).layers
-        widths = ",".join(str(x.outputs) for x in layers[:len(net.layers)])
-        return f"{net.name} {widths} {macs_per_pixel(layers) / 1000:.1f} kMAC/px, int8"
+        trunk = int_trunk(tensors, str(path))
+        widths = ",".join(str(x.outputs) for x in trunk.layers[:len(net.layers)])
+        before = "".join(f"{x.outputs}," for x in trunk.prefilter.layers[:-1]) \
+            if trunk.prefilter else ""
+        before = f"{before[:-1]} before " if before else ""
+        return f"{net.name} {before}{widths} {macs_per_pixel(trunk) / 1000:.1f} kMAC/px, int8"
     model = from_tensors(tensors)
     widths = [getattr(model, layer.name).out_channels for layer in model.net.layers]
     macs = model.macs_per_pixel() / 1000

@@ -23,28 +23,34 @@ static void make_rows(lull_task *t, const lull_host *host, unsigned rows, unsign
 /* Loads input rows up to `rows`, which images from row base_row on hold. */
 static void load(lull_task *t, unsigned rows, unsigned base_row, const lull_host *host)
 {
-    t->first = t->plan->done[0];
+    t->first = lull_plan_done(t->plan, 0);
     t->base_row = base_row;
     t->chunk = lull_plan_band(t->plan);
     make_rows(t, host, rows - t->first, t->right - t->left, lull_exec_load);
-    t->plan->done[LULL_TENSOR_INPUT] = rows;
+    lull_plan_set_done(t->plan, LULL_TENSOR_INPUT, rows);
     if (t->plan->keeps_rows) {
-        t->plan->done[LULL_TENSOR_RADIANCE] = rows;
-        lull_plan_set_aux(t->plan, rows);
+        lull_plan_set_done(t->plan, LULL_TENSOR_RADIANCE, rows);
+        lull_plan_set_aux(t->plan, LULL_AUX_ALL, rows);
     }
 }
 
-/* Albedo, guide and normal that are not kept come in when the filter is about to need them. */
-static void load_albedo(lull_task *t, const lull_host *host)
+/* Albedo, guide and normal that are not kept come in when layer l is about to need them. */
+static void load_aux(lull_task *t, unsigned l, const lull_host *host)
 {
     lull_plan *plan = t->plan;
-    unsigned rows = lull_plan_albedo(plan);
-    plan->done[LULL_TENSOR_RADIANCE] = plan->done[0];
-    t->first = plan->done[LULL_TENSOR_ALBEDO];
+    unsigned rows, needs_albedo;
+    t->aux = plan->keeps_rows ? 0 : lull_plan_brings(plan, l);
+    if (!t->aux)
+        return;
+    needs_albedo = t->aux & LULL_AUX_ALBEDO;
+    rows = lull_plan_aux_rows(plan, l);
+    lull_plan_set_done(plan, LULL_TENSOR_RADIANCE, lull_plan_done(plan, 0));
+    t->first = lull_plan_done(plan, needs_albedo ? LULL_TENSOR_ALBEDO : LULL_TENSOR_GUIDE);
     t->chunk = lull_plan_band(plan);
-    if (lull_plan_has(plan, LULL_TENSOR_ALBEDO) || lull_plan_has(plan, LULL_TENSOR_GUIDE))
+    if ((needs_albedo && lull_plan_has(plan, LULL_TENSOR_ALBEDO)) ||
+        (t->aux & LULL_AUX_OTHERS && lull_plan_has(plan, LULL_TENSOR_GUIDE)))
         make_rows(t, host, rows - t->first, t->right - t->left, lull_exec_spread);
-    lull_plan_set_aux(plan, rows);
+    lull_plan_set_aux(plan, t->aux, rows);
 }
 
 /* How far the run is: the mean, over input, layers and output, of the parts of their rows that are
@@ -53,12 +59,12 @@ static double fraction_done(const lull_task *t)
 {
     const lull_plan *plan = t->plan;
     const lull_graph *graph = &plan->model->graph;
-    double sum = 1 + (double)plan->done[0] / plan->height;
+    double sum = 1 + (double)lull_plan_done(plan, 0) / plan->height;
     if (plan->stored == plan->frame.height) /* what is left of the layers is padding */
         sum = graph->layers + 3.0;
     else {
         for (unsigned l = 0; l < graph->layers; l++)
-            sum += (double)plan->done[l + 1] /
+            sum += (double)lull_plan_done(plan, l + 1) /
                    (plan->height >> (graph->layer[l].level + graph->layer[l].pool));
         sum += (double)plan->stored / plan->frame.height;
     }
@@ -102,16 +108,15 @@ static void take_turns(lull_group *g, lull_task *t, unsigned batch, unsigned l, 
     const lull_graph *graph = &plan->model->graph;
     unsigned next = l + 1, width = (t->right - t->left) >> graph->layer[l].level;
     g->layer = l;
-    g->first = plan->done[l + 1];
+    g->first = lull_plan_done(plan, l + 1);
     g->rows = (ready - g->first) / lull_plan_rows(plan, l);
     g->chunk = lull_plan_chunk(plan, l);
-    plan->done[l + 1] = ready;
+    lull_plan_set_done(plan, l + 1, ready);
     for (; next < graph->layers && is_local(plan, batch, l, next); next++) {
-        if (graph->layer[next].op == LULL_OP_SMOOTH && !plan->keeps_rows)
-            load_albedo(t, host);
-        if (plan->done[next + 1] != g->first || lull_plan_turn(plan, next) != ready)
+        load_aux(t, next, host);
+        if (lull_plan_done(plan, next + 1) != g->first || lull_plan_turn(plan, next) != ready)
             break;
-        plan->done[next + 1] = ready;
+        lull_plan_set_done(plan, next + 1, ready);
         g->chunk = lull_min_u(g->chunk, lull_plan_chunk(plan, next));
     }
     g->layers = next - l;
@@ -160,10 +165,9 @@ static unsigned take_batch(lull_task *t, unsigned l, const lull_host *host)
     while (l < graph->layers && t->groups < LULL_GROUPS && is_free(graph, batch, l, l)) {
         unsigned ready;
         lull_group *g = &t->group[t->groups];
-        if (graph->layer[l].op == LULL_OP_SMOOTH && !plan->keeps_rows)
-            load_albedo(t, host);
+        load_aux(t, l, host);
         ready = lull_plan_turn(plan, l);
-        if (plan->done[l + 1] == ready) {
+        if (lull_plan_done(plan, l + 1) == ready) {
             l++;
             continue;
         }
@@ -178,7 +182,7 @@ static unsigned take_batch(lull_task *t, unsigned l, const lull_host *host)
     parallel(plan, is_short(t) ? NULL : host, count, lull_exec_chunk, t);
     t->ahead += LULL_FETCH;
     if (t->groups && t->group[t->groups - 1].stores)
-        plan->stored = lull_min_u(plan->done[graph->layers], plan->frame.height);
+        plan->stored = lull_min_u(lull_plan_done(plan, graph->layers), plan->frame.height);
     return l;
 }
 
@@ -196,7 +200,7 @@ static int advance(lull_task *t, unsigned base_row, const lull_host *host)
     }
     if (!keep_going(t, host))
         return 0;
-    ready = lull_min_u(plan->done[layers], plan->frame.height);
+    ready = lull_min_u(lull_plan_done(plan, layers), plan->frame.height);
     t->first = plan->stored;
     t->chunk = lull_plan_band(plan);
     make_rows(t, host, ready - t->first, t->end - t->begin, lull_exec_store);
@@ -217,8 +221,7 @@ static void begin_strip(lull_plan *plan, lull_task *t, unsigned strip)
         for (unsigned i = 0; i < LULL_TENSORS; i++)
             memset((uint8_t *)plan + (size_t)plan->ring[i].offset * LULL_ALIGN, 0,
                    (size_t)plan->ring[i].row_units * plan->ring[i].rows * LULL_ALIGN);
-    memset(plan->done, 0, sizeof plan->done);
-    plan->stored = 0;
+    lull_plan_restart(plan);
 }
 
 /* The images that the frame needs are there, with channel counts that fit. */
@@ -302,15 +305,16 @@ lull_status lull_run(lull_plan *plan, const lull_images *images, const lull_host
         while (plan->stored < plan->frame.height) {
             const int loads = keep_going(&t, host);
             if (loads)
-                load(&t, lull_min_u(plan->done[0] + plan->row_step, plan->height), 0, host);
+                load(&t, lull_min_u(lull_plan_done(plan, 0) + plan->row_step, plan->height), 0,
+                     host);
             t.ahead = 0;
             if (!loads || !advance(&t, 0, host)) {
-                plan->done[0] = LULL_ROWS_IDLE;
+                lull_plan_set_done(plan, 0, LULL_ROWS_IDLE);
                 return LULL_CANCELLED;
             }
         }
     }
-    plan->done[0] = LULL_ROWS_IDLE;
+    lull_plan_set_done(plan, 0, LULL_ROWS_IDLE);
     return LULL_OK;
 }
 
@@ -331,10 +335,13 @@ lull_status lull_rows(lull_plan *plan, const lull_images *images, unsigned rows,
                       const lull_host *host)
 {
     lull_task t = {0};
-    unsigned input_base, store_base, last;
+    unsigned input_base, store_base, last, loaded;
     lull_status status;
-    if (!plan || !images || !ready || plan->done[0] == LULL_ROWS_IDLE ||
-        plan->done[0] > plan->frame.height || rows > plan->frame.height - plan->done[0])
+    if (!plan || !images || !ready)
+        return LULL_ERROR_ARGUMENT;
+    input_base = lull_plan_done(plan, 0);
+    if (input_base == LULL_ROWS_IDLE || input_base > plan->frame.height ||
+        rows > plan->frame.height - input_base)
         return LULL_ERROR_ARGUMENT;
     *ready = 0;
     if (!plan->frame.width || !rows)
@@ -347,20 +354,20 @@ lull_status lull_rows(lull_plan *plan, const lull_images *images, unsigned rows,
     t.end = plan->frame.width;
     t.right = plan->width;
     t.ahead = LULL_NOT_AHEAD; /* the next rows are not here yet */
-    input_base = plan->done[0];
     store_base = plan->stored;
     last = input_base + rows == plan->frame.height ? plan->height : input_base + rows;
     do { /* turns are taken where lull_run's are: the rings were sized for those */
-        unsigned next = (plan->done[0] / plan->row_step + 1) * plan->row_step;
+        unsigned next = (lull_plan_done(plan, 0) / plan->row_step + 1) * plan->row_step;
         load(&t, lull_min_u(next, last), input_base, host);
-        if ((plan->done[0] % plan->row_step == 0 || plan->done[0] == plan->height) &&
+        loaded = lull_plan_done(plan, 0);
+        if ((loaded % plan->row_step == 0 || loaded == plan->height) &&
             !advance(&t, store_base, host)) {
-            plan->done[0] = LULL_ROWS_IDLE;
+            lull_plan_set_done(plan, 0, LULL_ROWS_IDLE);
             return LULL_CANCELLED;
         }
-    } while (plan->done[0] < last || (last == plan->height && plan->stored < plan->frame.height));
+    } while (loaded < last || (last == plan->height && plan->stored < plan->frame.height));
     *ready = plan->stored - store_base;
     if (last == plan->height)
-        plan->done[0] = LULL_ROWS_IDLE;
+        lull_plan_set_done(plan, 0, LULL_ROWS_IDLE);
     return LULL_OK;
 }

@@ -183,15 +183,18 @@ void lull_exec_radiance(lull_encoding *from, const lull_task *t, float *block, u
     from->most = LULL_RADIANCE_MAX;
 }
 
-/* n pixels from column x on of row y of the tensors of albedo and normal and of the guide. */
-static void load_aux(const lull_task *t, const float *albedo, const float *normal, unsigned x,
-                     unsigned y, unsigned n)
+/* n pixels from column x on of row y of `which` of the tensors of albedo and normal and of the
+ * guide. */
+static void load_aux(const lull_task *t, unsigned which, const float *albedo, const float *normal,
+                     unsigned x, unsigned y, unsigned n)
 {
     const lull_plan *plan = t->plan;
     unsigned column = x - t->left;
-    if (albedo && lull_plan_has(plan, LULL_TENSOR_ALBEDO))
+    if (which & LULL_AUX_ALBEDO && albedo && lull_plan_has(plan, LULL_TENSOR_ALBEDO))
         plan->model->kernels.spread(lull_exec_floats(plan, LULL_TENSOR_ALBEDO, y, column),
                                     lull_exec_plane(plan, LULL_TENSOR_ALBEDO), albedo, n);
+    if (!(which & LULL_AUX_OTHERS))
+        return;
     if (normal && lull_plan_has(plan, LULL_TENSOR_NORMAL))
         plan->model->kernels.spread_xyz(lull_exec_floats(plan, LULL_TENSOR_NORMAL, y, column),
                                         lull_exec_plane(plan, LULL_TENSOR_NORMAL), normal, n);
@@ -216,7 +219,39 @@ static void load_kernel(const lull_task *t, float *block, unsigned x, unsigned y
     from.flags = lull_filter_flags(&from, !lull_exec_content(&plan->frame).is_hdr);
     plan->model->kernels.encode(codes, &from, n);
     if (plan->keeps_rows)
-        load_aux(t, from.albedo, from.normal, x, y, n);
+        load_aux(t, LULL_AUX_ALL, from.albedo, from.normal, x, y, n);
+}
+
+/* Codes of the normal and the flags stay as they are in the input. */
+void lull_exec_encode(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker)
+{
+    enum { PIXEL = 12, KEPT = 6 };
+    const lull_plan *plan = t->plan;
+    const lull_layer *layer = &plan->model->graph.layer[t->layer];
+    const uint8_t *input = lull_exec_row(plan, layer->source[0], y) + (size_t)x * PIXEL;
+    uint8_t *codes = lull_exec_row(plan, t->layer + 1, y) + (size_t)x * PIXEL;
+    const unsigned inside = y < plan->frame.height ? lull_min_u(lull_exec_inside(t), x + n) : 0;
+    const float *albedo = lull_exec_floats(plan, layer->source[2], y, x);
+    const size_t plane = lull_exec_plane(plan, layer->source[2]);
+    float *block = lull_exec_scratch(t, worker), *pixels = block + 3 * LULL_BLOCK;
+    memcpy(codes, input, (size_t)n * PIXEL);
+    if (lull_plan_is_idle(plan, layer->source[2] - 1u))
+        return;
+    for (unsigned first = x; first < inside; first += LULL_BLOCK) {
+        unsigned count = lull_min_u(LULL_BLOCK, inside - first);
+        uint8_t *made = codes + (size_t)(first - x) * PIXEL;
+        lull_encoding from;
+        lull_exec_radiance(&from, t, block, t->left + first, y, count);
+        for (unsigned i = 0; i < count; i++)
+            for (unsigned c = 0; c < 3; c++)
+                pixels[3 * i + c] = albedo[(c + 1) * plane + first - x + i];
+        from.albedo = pixels;
+        from.normal = NULL;
+        from.flags = 0;
+        plan->model->kernels.encode(made, &from, count);
+        for (unsigned i = 0; i < count; i++)
+            memcpy(made + i * PIXEL + KEPT, input + (first - x + i) * PIXEL + KEPT, PIXEL - KEPT);
+    }
 }
 
 void lull_exec_fetch(const lull_task *t, unsigned index)
@@ -226,7 +261,7 @@ void lull_exec_fetch(const lull_task *t, unsigned index)
     unsigned right = lull_min_u(t->right, frame->width), columns = right - t->left;
     for (unsigned i = t->ahead; i < t->ahead + LULL_FETCH && i < 3 * t->plan->row_step; i++) {
         const lull_image *image = lull_exec_feature(t->images, i % 3);
-        unsigned y = t->plan->done[0] + i / 3;
+        unsigned y = lull_plan_done(t->plan, 0) + i / 3;
         const uint8_t *from, *end;
         if (y >= frame->height || !(frame->features >> (i % 3) & 1))
             continue;
@@ -258,17 +293,19 @@ void lull_exec_spread(void *context, unsigned index, unsigned worker)
     const lull_plan *plan = t->plan;
     lull_part part = lull_exec_part(t, index, t->left, t->right);
     unsigned y = t->first + part.row, right = lull_min_u(part.right, plan->frame.width);
-    if (y >= plan->frame.height && lull_plan_has(plan, LULL_TENSOR_ALBEDO))
+    if (y >= plan->frame.height && t->aux & LULL_AUX_ALBEDO &&
+        lull_plan_has(plan, LULL_TENSOR_ALBEDO))
         clear_part(t, LULL_TENSOR_ALBEDO, y, &part);
-    if (y >= plan->frame.height && lull_plan_has(plan, LULL_TENSOR_NORMAL))
+    if (y >= plan->frame.height && t->aux & LULL_AUX_OTHERS &&
+        lull_plan_has(plan, LULL_TENSOR_NORMAL))
         clear_part(t, LULL_TENSOR_NORMAL, y, &part);
     for (unsigned x = part.left; y < plan->frame.height && x < right; x += LULL_BLOCK) {
         unsigned n = lull_min_u(LULL_BLOCK, right - x);
         float *block = lull_exec_scratch(t, worker);
         const float *albedo = lull_exec_aux(t, 1, block, x, y - t->base_row, n), *normal = NULL;
-        if (lull_plan_has(plan, LULL_TENSOR_GUIDE))
+        if (t->aux & LULL_AUX_OTHERS && lull_plan_has(plan, LULL_TENSOR_GUIDE))
             normal = lull_exec_aux(t, 2, block + 3 * LULL_BLOCK, x, y - t->base_row, n);
-        load_aux(t, albedo, normal, x, y, n);
+        load_aux(t, t->aux, albedo, normal, x, y, n);
     }
 }
 

@@ -194,7 +194,7 @@ uint8_t *lull_exec_noise(const lull_plan *plan, unsigned tensor, unsigned y, uns
     return lull_exec_codes(plan, tensor, y, x) + (unsigned)before * code_plane(plan, tensor);
 }
 
-/* 5x5 means of n pixels of the layer's first source, from column x on. */
+/* 5x5 means of n pixels of the layer's first source, from column x on: its last three planes. */
 static void make_means(const lull_task *t, unsigned x, unsigned y, unsigned n, float more,
                        float none, const uint8_t *codes, size_t step)
 {
@@ -205,8 +205,9 @@ static void make_means(const lull_task *t, unsigned x, unsigned y, unsigned n, f
         window.rows[dy] =
             (const float *)(const void *)lull_exec_source(plan, source, (int)y + dy - 2) + x;
     window.plane = lull_exec_plane(plan, source);
-    window.out = lull_exec_floats(plan, t->layer + 1, y, x);
     window.out_plane = lull_exec_plane(plan, t->layer + 1);
+    window.out = lull_exec_floats(plan, t->layer + 1, y, x) +
+                 (plan->model->graph.layer[t->layer].outputs - 3u) * window.out_plane;
     window.codes = codes;
     window.code_step = step;
     window.table = plan->model->weight_table;
@@ -229,6 +230,36 @@ static void make_smooth(const lull_task *t, unsigned x, unsigned y, unsigned n,
     for (unsigned c = 0; c < 3; c++)
         for (unsigned i = 0; i < n; i++)
             out[c * plane + i] = 1.0f;
+}
+
+/* The codes of the albedo, and whether there is one. */
+static void make_picked(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker)
+{
+    enum { FROM = 12, TO = 4, ALBEDO = 3, PRESENT = 9 };
+    const lull_plan *plan = t->plan;
+    const uint8_t *in = lull_exec_row(plan, LULL_TENSOR_INPUT, y) + (size_t)x * FROM;
+    uint8_t *out = lull_exec_row(plan, t->layer + 1, y) + (size_t)x * TO;
+    (void)worker;
+    for (unsigned i = 0; i < n; i++, in += FROM, out += TO) {
+        memcpy(out, in + ALBEDO, 3);
+        out[3] = in[PRESENT];
+    }
+}
+
+static void make_prefiltered(const lull_task *t, unsigned x, unsigned y, unsigned n,
+                             const uint8_t *codes, size_t step, unsigned worker)
+{
+    unsigned width = lull_exec_inside(t);
+    unsigned inside = y < t->plan->frame.height && x < width ? lull_min_u(width - x, n) : 0;
+    float *out = lull_exec_floats(t->plan, t->layer + 1, y, x);
+    size_t plane = lull_exec_plane(t->plan, t->layer + 1);
+    (void)worker;
+    if (inside)
+        make_means(t, x, y, inside, 0.0f, 1.0f, codes, step);
+    for (unsigned i = 0; i < inside; i++)
+        out[i] = 1.0f;
+    for (unsigned c = 0; c < 4; c++)
+        memset(out + c * plane + inside, 0, (size_t)(n - inside) * sizeof *out);
 }
 
 /* Filtered normals, by the albedo's kernel. */
@@ -373,12 +404,14 @@ void lull_exec_filter(const lull_task *t, unsigned x, unsigned y, unsigned n, un
                                     const uint8_t *, size_t, unsigned) = {
         [LULL_OP_SMOOTH] = make_smooth, [LULL_OP_DEMODULATE] = make_demodulated,
         [LULL_OP_POOL] = make_pooled,   [LULL_OP_FILTER] = make_filtered,
-        [LULL_OP_FACE] = make_facing,   [LULL_OP_CORRECT] = NULL};
+        [LULL_OP_FACE] = make_facing,   [LULL_OP_PREFILTER] = make_prefiltered,
+        [LULL_OP_ENCODE] = NULL};
     static void (*const make[])(const lull_task *, unsigned, unsigned, unsigned, unsigned) = {
+        [LULL_OP_PICK] = make_picked,
         [LULL_OP_BLEND] = make_blended,          [LULL_OP_BILATERAL] = make_bilateral,
         [LULL_OP_FIT_SUMS] = lull_exec_fit_sums, [LULL_OP_FIT] = lull_exec_fit,
         [LULL_OP_REGRESS] = lull_exec_regress,   [LULL_OP_RESIDUAL] = lull_exec_residual,
-        [LULL_OP_CORRECT] = lull_exec_correct};
+        [LULL_OP_CORRECT] = lull_exec_correct,   [LULL_OP_ENCODE] = lull_exec_encode};
     const lull_layer *layer = &t->plan->model->graph.layer[t->layer];
     if (by_codes[layer->op]) { /* those of the last head that it reads */
         unsigned head = layer->op == LULL_OP_DEMODULATE ? layer->source[2] : layer->source[1];
@@ -418,6 +451,8 @@ void lull_exec_chunk(void *context, unsigned index, unsigned worker)
     unsigned n = lull_min_u(g->chunk, ((t.right - t.left) >> layer->level) - x);
     lull_exec_fetch(&t, part);
     for (t.layer = g->layer; t.layer < g->layer + g->layers; t.layer++, layer++) {
+        if (lull_plan_is_idle(t.plan, t.layer))
+            continue;
         if (layer->is_winograd)
             lull_exec_winograd(&t, x, y, n, worker);
         else if (lull_plan_is_patched(t.plan, t.layer))

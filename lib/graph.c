@@ -38,10 +38,8 @@ static const head_row heads[] = {
 
 #define COUNT(array) (sizeof(array) / sizeof(array)[0])
 #define K_LEVELS 5u
-#define HEAD0_SPLIT                                                                                \
-    25u /* level 0's head: the filter's logits are made when radiance is ready, what               \
-         * comes after them before it, with the blend's logit in both parts */
 #define K_INPUTS 12u
+#define P_INPUTS 4u
 #define MAIN_CHANNELS 3u
 
 static int same(const char *a, const char *b)
@@ -55,7 +53,7 @@ const char *lull_layer_name(const lull_layer *layer)
 {
     static const char *const names[] = {"", "", "smooth", "demodulate", "pool", "filter", "blend",
                                         "bilateral", "face", "fit_sums", "fit", "regress",
-                                        "residual", "correct"};
+                                        "residual", "correct", "pick", "prefilter", "encode"};
     if (layer->op == LULL_OP_CONV)
         return rows[layer->row].name;
     return layer->op == LULL_OP_HEAD ? heads[layer->row].name : names[layer->op];
@@ -86,19 +84,25 @@ int lull_layer_has_wide_patches(const lull_graph *graph, unsigned l)
 static uint8_t tensor_called(const lull_graph *graph, const char *name)
 {
     if (same(name, "input"))
-        return LULL_TENSOR_INPUT;
+        return graph->input;
     for (unsigned i = 0; i < graph->layers; i++)
         if (same(lull_layer_name(&graph->layer[i]), name))
             return (uint8_t)(i + 1);
     return LULL_TENSOR_NONE;
 }
 
-unsigned lull_graph_find(const lull_graph *graph, lull_op op, unsigned level)
+/* As lull_graph_find, among the layers from number `first` on. */
+static unsigned find_from(const lull_graph *graph, unsigned first, lull_op op, unsigned level)
 {
-    for (unsigned i = 0; i < graph->layers; i++)
+    for (unsigned i = first; i < graph->layers; i++)
         if (graph->layer[i].op == op && graph->layer[i].level == level)
             return i + 1;
     return LULL_TENSOR_NONE;
+}
+
+unsigned lull_graph_find(const lull_graph *graph, lull_op op, unsigned level)
+{
+    return find_from(graph, 0, op, level);
 }
 
 unsigned lull_graph_channels(const lull_graph *graph, unsigned tensor)
@@ -134,7 +138,7 @@ lull_dtype lull_graph_dtype(const lull_graph *graph, unsigned tensor)
     if (!graph->is_integer || tensor > LULL_MAX_LAYERS)
         return LULL_DTYPE_F32;
     if (graph->family == LULL_FAMILY_K)
-        return tensor == LULL_TENSOR_INPUT || lull_layer_is_conv(&graph->layer[tensor - 1])
+        return tensor == LULL_TENSOR_INPUT || lull_layer_makes_codes(&graph->layer[tensor - 1])
                    ? LULL_DTYPE_U8
                    : LULL_DTYPE_F32;
     return lull_graph_max(graph, tensor) > 255 ? LULL_DTYPE_U15 : LULL_DTYPE_U8;
@@ -257,7 +261,7 @@ static lull_status read_shapes(lull_graph *graph, lull_layer *layer, const lull_
     if (!outputs || outputs > LULL_MAX_CHANNELS || tensors.weight.rank != 4)
         return LULL_ERROR_NETWORK;
     layer->outputs = (uint16_t)outputs;
-    if (graph->layers == 0) {
+    if (!graph->inputs) {
         graph->is_integer = tensors.weight.dtype == 'b';
         graph->inputs = tensors.weight.dims[1];
         if (read_aux(graph, tza) != LULL_OK)
@@ -290,7 +294,9 @@ static lull_status add_layer(lull_graph *graph, const layer_row *row, const lull
     return status;
 }
 
-static lull_status add_head(lull_graph *graph, const head_row *row, const lull_tza *tza)
+/* is_before: it has the logits of the albedo's kernel alone. */
+static lull_status add_head(lull_graph *graph, const head_row *row, const lull_tza *tza,
+                            int is_before)
 {
     lull_layer *layer = new_layer(graph, LULL_OP_HEAD, row->level, 0);
     lull_status status;
@@ -299,11 +305,11 @@ static lull_status add_head(lull_graph *graph, const head_row *row, const lull_t
     layer->row = (uint8_t)(row - heads);
     add_source(layer, tensor_called(graph, row->source), LULL_READS_ROW);
     status = read_shapes(graph, layer, tza);
-    if (status == LULL_OK && layer->outputs != (row->level ? 27 : 52))
+    if (status == LULL_OK && layer->outputs != (is_before ? 25 : row->level ? 27 : 52))
         status = LULL_ERROR_NETWORK;
-    if (row->level == 0) { /* the filter's part of it: add_filters */
-        layer->first = HEAD0_SPLIT;
-        layer->outputs = (uint16_t)(layer->outputs - HEAD0_SPLIT);
+    if (row->level == 0 && !is_before) { /* the filter's part of it: add_filters */
+        layer->first = LULL_HEAD0_SPLIT;
+        layer->outputs = (uint16_t)(layer->outputs - LULL_HEAD0_SPLIT);
     }
     return status;
 }
@@ -325,7 +331,7 @@ static unsigned add_filter(lull_graph *graph, lull_op op, unsigned level, unsign
 static unsigned add_second_head(lull_graph *graph, unsigned head, unsigned v)
 {
     const lull_layer *first = &graph->layer[head - 1];
-    lull_layer *layer = new_layer(graph, LULL_OP_HEAD, 0, HEAD0_SPLIT + 2);
+    lull_layer *layer = new_layer(graph, LULL_OP_HEAD, 0, LULL_HEAD0_SPLIT + 2);
     if (!layer)
         return LULL_TENSOR_NONE;
     layer->row = first->row;
@@ -361,14 +367,16 @@ static lull_status add_filters(lull_graph *graph, const lull_tza *tza)
             return LULL_ERROR_NETWORK;
     }
     for (unsigned s = 0; s < K_LEVELS; s++) {
-        head[s] = lull_graph_find(graph, LULL_OP_HEAD, s);
+        head[s] = find_from(graph, graph->before, LULL_OP_HEAD, s);
         if (head[s] == LULL_TENSOR_NONE)
             return LULL_ERROR_NETWORK;
     }
     if (!graph->is_integer || graph->inputs != K_INPUTS || graph->levels != K_LEVELS - 1)
         return LULL_ERROR_NETWORK;
     even = add_filter(graph, LULL_OP_SMOOTH, 0, 3,
-                      (unsigned[]){LULL_TENSOR_ALBEDO, head[0], LULL_TENSOR_NONE}, smooth);
+                      (unsigned[]){graph->before ? graph->before : LULL_TENSOR_ALBEDO, head[0],
+                                   LULL_TENSOR_NONE},
+                      smooth);
     if (has_fit)
         facing = add_filter(graph, LULL_OP_FACE, 0, 3,
                             (unsigned[]){LULL_TENSOR_NORMAL, head[0], LULL_TENSOR_NONE}, smooth);
@@ -469,24 +477,69 @@ static lull_status read_maxima(lull_graph *graph, const lull_tza *tza)
     return LULL_OK;
 }
 
-lull_status lull_graph_build(lull_graph *graph, const lull_tza *tza)
+/* The layers and heads of a net. */
+static lull_status add_net(lull_graph *graph, const net_row *net, const lull_tza *tza)
 {
-    lull_tza_tensor tensor;
     lull_status status = LULL_OK;
-    size_t n = 0;
-    while (n < COUNT(nets) && !lull_tza_find(tza, nets[n].key, ".weight", &tensor))
-        n++;
-    if (n == COUNT(nets))
-        return LULL_ERROR_NETWORK;
-    memset(graph, 0, sizeof *graph);
-    graph->network = nets[n].name;
-    graph->family = nets[n].family;
     for (size_t i = 0; i < COUNT(rows) && status == LULL_OK; i++)
-        if (same(rows[i].net, nets[n].name))
+        if (same(rows[i].net, net->name))
             status = add_layer(graph, &rows[i], tza);
     for (size_t i = 0; i < COUNT(heads) && status == LULL_OK; i++)
-        if (same(heads[i].net, nets[n].name))
-            status = add_head(graph, &heads[i], tza);
+        if (same(heads[i].net, net->name))
+            status = add_head(graph, &heads[i], tza, net->family == LULL_FAMILY_P);
+    return status;
+}
+
+/* A net of family P; its filter of the albedo, and the input of the network that follows. */
+static lull_status add_prefilter(lull_graph *graph, const net_row *net, const lull_tza *tza)
+{
+    static const lull_reads row[] = {LULL_READS_ROW};
+    static const lull_reads smooth[] = {LULL_READS_5, LULL_READS_ROW};
+    static const lull_reads rows3[] = {LULL_READS_ROW, LULL_READS_ROW, LULL_READS_ROW};
+    unsigned filtered, encoded;
+    lull_status status;
+    graph->is_integer = 1;
+    graph->inputs = K_INPUTS;
+    graph->input = (uint8_t)add_filter(graph, LULL_OP_PICK, 0, P_INPUTS,
+                                       (unsigned[]){LULL_TENSOR_INPUT, LULL_TENSOR_NONE}, row);
+    status = add_net(graph, net, tza);
+    if (status != LULL_OK)
+        return status;
+    filtered = add_filter(graph, LULL_OP_PREFILTER, 0, 4,
+                          (unsigned[]){LULL_TENSOR_ALBEDO, graph->layers, LULL_TENSOR_NONE},
+                          smooth);
+    encoded = add_filter(
+        graph, LULL_OP_ENCODE, 0, K_INPUTS,
+        (unsigned[]){LULL_TENSOR_INPUT, LULL_TENSOR_RADIANCE, filtered, LULL_TENSOR_NONE}, rows3);
+    graph->before = filtered;
+    graph->input = (uint8_t)encoded;
+    return encoded == LULL_TENSOR_NONE ? LULL_ERROR_NETWORK : LULL_OK;
+}
+
+/* The first net whose tensors the file has, of family P or of the others; NULL if there is none. */
+static const net_row *find_net(const lull_tza *tza, int is_before)
+{
+    lull_tza_tensor tensor;
+    for (size_t n = 0; n < COUNT(nets); n++)
+        if ((nets[n].family == LULL_FAMILY_P) == is_before &&
+            lull_tza_find(tza, nets[n].key, ".weight", &tensor))
+            return &nets[n];
+    return NULL;
+}
+
+lull_status lull_graph_build(lull_graph *graph, const lull_tza *tza)
+{
+    const net_row *net = find_net(tza, 0), *before = find_net(tza, 1);
+    lull_status status = LULL_OK;
+    if (!net)
+        return LULL_ERROR_NETWORK;
+    memset(graph, 0, sizeof *graph);
+    graph->network = net->name;
+    graph->family = net->family;
+    if (before && net->family == LULL_FAMILY_K)
+        status = add_prefilter(graph, before, tza);
+    if (status == LULL_OK)
+        status = add_net(graph, net, tza);
     if (status == LULL_OK && graph->family == LULL_FAMILY_K)
         status = add_filters(graph, tza);
     if (status == LULL_OK && graph->family == LULL_FAMILY_U && graph->is_integer)
@@ -500,57 +553,4 @@ lull_status lull_graph_build(lull_graph *graph, const lull_tza *tza)
         (graph->layer[graph->layers - 1].outputs < 3 || graph->inputs > 9 || graph->inputs % 3))
         return LULL_ERROR_NETWORK;
     return LULL_OK;
-}
-
-unsigned lull_layer_own_outputs(const lull_layer *layer)
-{
-    int is_second = layer->op == LULL_OP_HEAD && layer->level == 0 && layer->first == 0;
-    return is_second ? HEAD0_SPLIT : layer->outputs;
-}
-
-int lull_graph_is_local(const lull_graph *graph, unsigned tensor)
-{
-    const lull_layer *layer = &graph->layer[tensor - 1];
-    return tensor >= 1 && tensor <= graph->layers && layer->op == LULL_OP_HEAD && layer->level == 0;
-}
-
-int lull_graph_is_far(const lull_layer *layer) { return layer->reads[0] == LULL_READS_9; }
-
-int lull_graph_has_noise(const lull_graph *graph, unsigned tensor)
-{
-    unsigned smoothed = lull_graph_find(graph, LULL_OP_BILATERAL, 0);
-    return smoothed != LULL_TENSOR_NONE &&
-           (graph->layer[smoothed - 1].source[2] == tensor ||
-            (smoothed == tensor && smoothed < graph->layers) ||
-            lull_graph_find(graph, LULL_OP_REGRESS, 0) == tensor);
-}
-
-unsigned lull_graph_mixed_by(const lull_graph *graph)
-{
-    const lull_layer *last = &graph->layer[graph->layers - 1];
-    return last->op == LULL_OP_BILATERAL ? last->source[2]
-           : last->op == LULL_OP_CORRECT ? last->source[0]
-                                         : LULL_TENSOR_NONE;
-}
-
-int lull_graph_planes(const lull_graph *graph, unsigned tensor)
-{
-    unsigned op;
-    if (tensor == LULL_TENSOR_ALBEDO || tensor == LULL_TENSOR_NORMAL)
-        return 1;
-    op = tensor >= 1 && tensor <= graph->layers ? graph->layer[tensor - 1].op : LULL_OP_CONV;
-    return (op > LULL_OP_HEAD) + (op == LULL_OP_FILTER) + lull_graph_has_noise(graph, tensor);
-}
-
-uint64_t lull_graph_macs_per_pixel(const lull_graph *graph)
-{
-    uint64_t macs = 0; /* at the coarsest grid, summed exactly, then divided */
-    for (unsigned i = 0; i < graph->layers; i++) {
-        const lull_layer *layer = &graph->layer[i];
-        uint64_t inputs = lull_layer_all_inputs(graph, layer);
-        uint64_t taps = layer->op == LULL_OP_CONV ? 9 : layer->op == LULL_OP_HEAD ? 1 : 0;
-        macs += taps * inputs * lull_layer_own_outputs(layer)
-                << (2 * (graph->levels - layer->level));
-    }
-    return macs >> (2 * graph->levels);
 }

@@ -5,8 +5,12 @@
 #include "base.h"
 #include "tza.h"
 
-#define LULL_MAX_LAYERS 42
+#define LULL_MAX_LAYERS 53
 #define LULL_MAX_CHANNELS 1024 /* of any one tensor; bounds scratch memory and sums */
+
+/* Level 0's head of family K is two layers: the filter's logits, so many, are made when radiance is
+ * ready, what comes after them before it, with the blend's logit in both parts. */
+#define LULL_HEAD0_SPLIT 25u
 
 /* Tensors are numbered: 0 is the input of the network, 1 + i the output of layer i. Family K also
  * keeps of the frame the unencoded radiance (r,g,b), the albedo (1,r,g,b; zeros outside the image),
@@ -26,7 +30,7 @@
 typedef enum lull_dtype { LULL_DTYPE_F32, LULL_DTYPE_U8, LULL_DTYPE_U15 } lull_dtype;
 size_t lull_dtype_bytes(lull_dtype dtype);
 
-typedef enum lull_family { LULL_FAMILY_U, LULL_FAMILY_K } lull_family;
+typedef enum lull_family { LULL_FAMILY_U, LULL_FAMILY_K, LULL_FAMILY_P } lull_family;
 
 /* What a layer does. Convolutions have weights; the others are the filter of family K, in the order
  * of docs/kernel-prediction.md, and make fp32 tensors. */
@@ -49,7 +53,10 @@ typedef enum lull_op {
     LULL_OP_REGRESS,   /* smoothed result, filtered albedo and normal, coefficients: result, and the
                         * codes of the noise */
     LULL_OP_RESIDUAL,  /* result, radiance: sums over the pixels of a cell of 16x16 */
-    LULL_OP_CORRECT    /* result, sums: result */
+    LULL_OP_CORRECT,   /* result, sums: result */
+    LULL_OP_PICK,      /* input: those of its channels that the prefilter sees */
+    LULL_OP_PREFILTER, /* albedo, head: (1,r,g,b) of the filtered albedo, as the albedo's tensor */
+    LULL_OP_ENCODE     /* input, radiance, prefiltered albedo: the network's input with that */
 } lull_op;
 
 /* Rows of a source that row y of a layer sees. */
@@ -69,18 +76,20 @@ typedef enum lull_reads {
 #define LULL_MAX_SOURCES 4
 
 typedef struct lull_layer {
-    uint8_t op;    /* lull_op */
-    uint8_t row;   /* number of its LAYER or HEAD row in nets.def, for the name */
-    uint8_t level; /* the layer runs at 1/2^level resolution, ... */
-    uint8_t pool;  /* ... and its result is max-pooled by 2 if this is 1 */
+    uint8_t op;  /* lull_op */
+    uint8_t row; /* number of its LAYER or HEAD row in nets.def, for the name */
+    /* small: graphs are put on stacks */
+    unsigned level : 4;       /* the layer runs at 1/2^level resolution, ... */
+    unsigned pool : 1;        /* ... and its result is max-pooled by 2 if this is 1 */
+    unsigned is_winograd : 1; /* fp32: computed in Winograd's form, two rows together */
+    unsigned has_patches : 2; /* integers: sources packed for patches, too: 1 the first, 2 the
+                               * second, or both; then four rows are made together, or eight of what
+                               * has phases */
     uint8_t source[LULL_MAX_SOURCES]; /* tensors; LULL_TENSOR_NONE where there are fewer */
     uint8_t reads[LULL_MAX_SOURCES];
     uint16_t outputs;    /* channels */
     uint8_t first;       /* the first of them in the weights file: level 0's head is two layers */
     uint8_t bits;        /* integer models: of the output's codes: 8, or 13 or 15 in words */
-    uint8_t is_winograd; /* fp32: computed in Winograd's form, two rows together */
-    uint8_t has_patches; /* integers: sources packed for patches, too: 1 the first, 2 the second, or
-                          * both; then four rows are made together, or eight of what has phases */
 } lull_layer;
 
 typedef struct lull_graph {
@@ -90,6 +99,8 @@ typedef struct lull_graph {
     int is_integer;   /* int8 weights; docs/arithmetic.md */
     unsigned inputs;  /* channels of the network's input, and ... */
     unsigned aux;     /* ... how many of them, the last ones, are LULL_TENSOR_AUX */
+    unsigned before;  /* layers that filter the albedo, before all others; 0: none */
+    uint8_t input;    /* the tensor that the network proper sees */
     unsigned levels;  /* number of 2x poolings: sizes are multiples of 1 << levels */
     unsigned overlap; /* pixels beside a strip that the output depends on, and ... */
     unsigned margin;  /* ... that make it equal to the bit; both multiples of 1 << levels */
@@ -135,6 +146,8 @@ unsigned lull_graph_mixed_by(const lull_graph *graph);
 
 /* 1 if the layer has weights. */
 int lull_layer_is_conv(const lull_layer *layer);
+/* 1 if it makes codes alone, no planes of floats. */
+int lull_layer_makes_codes(const lull_layer *layer);
 /* 1 if its first source is upsampled by 2. */
 int lull_layer_is_up(const lull_layer *layer);
 /* 1 if that one is packed for patches, too. */

@@ -21,79 +21,6 @@ enum { MANY_STEP, FEW_STEP, SMALL_STEP };
 #define FEW_THREADS 4u
 #define STEP_COUNT (sizeof steps / sizeof steps[0])
 
-/* Rows of a layer (before pooling) that `rows` of a source's `height` rows allow; `all` is the
- * number of rows of the layer. */
-static unsigned rows_ready(lull_reads reads, unsigned rows, unsigned height, unsigned all)
-{
-    static const uint8_t below[] = {0, 1, 2, 4}; /* rows after y that are read */
-    if (rows >= height)
-        return all;
-    if (reads == LULL_READS_CELL)
-        return rows / LULL_CELL;
-    if (reads == LULL_READS_CELLS)
-        return rows > 1 ? LULL_CELL * (rows - 2) + LULL_CELL / 2 : 0;
-    if (reads == LULL_READS_8)
-        return rows / LULL_FIT_SIDE;
-    if (reads == LULL_READS_EIGHTH)
-        return rows ? LULL_FIT_SIDE * rows - LULL_FIT_SIDE / 2 : 0;
-    if (reads == LULL_READS_COARSE)
-        return rows ? 2 * rows - 1 : 0;
-    if (reads == LULL_READS_FINE)
-        return rows / 2;
-    return rows > below[reads] ? rows - below[reads] : 0;
-}
-
-/* The first row of a source that a layer still needs whose next row (before pooling) is `row`. */
-static unsigned rows_needed(lull_reads reads, unsigned row)
-{
-    static const uint8_t above[] = {0, 1, 2, 4, 1, 0, 0, 2, 0, 1};
-    if (reads == LULL_READS_CELL)
-        row = LULL_CELL * row;
-    if (reads == LULL_READS_CELLS)
-        row = (row + LULL_CELL / 2) / LULL_CELL;
-    if (reads == LULL_READS_8)
-        row = LULL_FIT_SIDE * row;
-    if (reads == LULL_READS_EIGHTH)
-        row = (row + LULL_FIT_SIDE / 2) / LULL_FIT_SIDE;
-    if (reads == LULL_READS_COARSE)
-        row = (row + 1) / 2;
-    if (reads == LULL_READS_FINE)
-        row = 2 * row;
-    return row > above[reads] ? row - above[reads] : 0;
-}
-
-int lull_plan_has(const lull_plan *plan, unsigned tensor)
-{
-    const lull_graph *graph = &plan->model->graph;
-    if (tensor <= LULL_MAX_LAYERS)
-        return tensor <= graph->layers;
-    if (graph->family != LULL_FAMILY_K)
-        return tensor == LULL_TENSOR_AUX && graph->aux;
-    if (tensor == LULL_TENSOR_ALBEDO)
-        return !(~plan->frame.features & 3u);
-    if (tensor == LULL_TENSOR_GUIDE)
-        return lull_graph_find(graph, LULL_OP_BILATERAL, 0) != LULL_TENSOR_NONE;
-    if (tensor == LULL_TENSOR_NORMAL) /* not as the main image */
-        return plan->frame.features & 4u && plan->frame.features & 3u &&
-               lull_graph_find(graph, LULL_OP_FACE, 0) != LULL_TENSOR_NONE;
-    return (int)plan->keeps_rows;
-}
-
-void lull_plan_set_aux(lull_plan *plan, unsigned rows)
-{
-    plan->done[LULL_TENSOR_ALBEDO] = plan->done[LULL_TENSOR_GUIDE] =
-        plan->done[LULL_TENSOR_NORMAL] = rows;
-}
-
-unsigned lull_plan_albedo(const lull_plan *plan)
-{
-    const lull_graph *graph = &plan->model->graph;
-    unsigned smooth = lull_graph_find(graph, LULL_OP_SMOOTH, 0);
-    unsigned rows = plan->done[graph->layer[smooth - 1].source[1]];
-    rows = lull_min_u(rows, plan->done[smooth] + plan->row_step) + 2;
-    return lull_max_u(lull_min_u(rows, plan->height), plan->done[LULL_TENSOR_ALBEDO]);
-}
-
 int lull_plan_is_patched(const lull_plan *plan, unsigned l)
 {
     const lull_layer *layer = &plan->model->graph.layer[l];
@@ -110,105 +37,42 @@ unsigned lull_plan_rows(const lull_plan *plan, unsigned l)
     return lull_max_u(rows >> layer->pool, 1);
 }
 
-/* Rows of layer l in a turn, after pooling. */
-static unsigned turn_rows(const lull_plan *plan, unsigned l)
-{
-    const lull_layer *layer = &plan->model->graph.layer[l];
-    unsigned turn = lull_max_u(plan->row_step >> (layer->level + layer->pool), 1);
-    return (unsigned)lull_align_up(turn, lull_plan_rows(plan, l));
-}
-
-/* 1 if every layer that reads a tensor could take a whole turn with the rows that are made. A layer
- * without readers makes the output. */
-static int is_ahead(const lull_plan *plan, unsigned tensor)
-{
-    const lull_graph *graph = &plan->model->graph;
-    unsigned height = plan->height >> lull_graph_level(graph, tensor), readers = 0;
-    for (unsigned l = 0; l < graph->layers; l++) {
-        const lull_layer *layer = &graph->layer[l];
-        unsigned all = plan->height >> layer->level;
-        unsigned wanted = (plan->done[l + 1] + turn_rows(plan, l)) << layer->pool;
-        for (unsigned s = 0; s < LULL_MAX_SOURCES; s++) {
-            if (layer->source[s] != tensor)
-                continue;
-            if (rows_ready((lull_reads)layer->reads[s], plan->done[tensor], height, all) <
-                lull_min_u(wanted, all))
-                return 0;
-            readers++;
-        }
-    }
-    return readers > 0;
-}
-
-unsigned lull_plan_turn(const lull_plan *plan, unsigned l)
-{
-    const lull_graph *graph = &plan->model->graph;
-    const lull_layer *layer = &graph->layer[l];
-    unsigned all = plan->height >> layer->level, ready = all;
-    unsigned rows = lull_plan_rows(plan, l), done = plan->done[l + 1];
-    if (graph->family == LULL_FAMILY_U && is_ahead(plan, l + 1))
-        return done;
-    for (unsigned s = 0; s < LULL_MAX_SOURCES && layer->source[s] != LULL_TENSOR_NONE; s++)
-        ready = lull_min_u(
-            ready, rows_ready((lull_reads)layer->reads[s], plan->done[layer->source[s]],
-                              plan->height >> lull_graph_level(graph, layer->source[s]), all));
-    return lull_min_u((ready >> layer->pool) / rows * rows, done + turn_rows(plan, l));
-}
-
-/* Rows of a tensor that are still needed, given what its consumers and the output have made. */
-static unsigned rows_alive(const lull_plan *plan, unsigned tensor)
-{
-    const lull_graph *graph = &plan->model->graph;
-    unsigned needed = plan->done[tensor];
-    for (unsigned l = 0; l < graph->layers; l++) {
-        const lull_layer *layer = &graph->layer[l];
-        for (unsigned s = 0; s < LULL_MAX_SOURCES; s++)
-            if (layer->source[s] == tensor)
-                needed = lull_min_u(needed, rows_needed((lull_reads)layer->reads[s],
-                                                        plan->done[l + 1] << layer->pool));
-    }
-    if (tensor == graph->layers || tensor == lull_graph_find(graph, LULL_OP_SMOOTH, 0) ||
-        tensor == lull_graph_mixed_by(graph) ||
-        (tensor == LULL_TENSOR_RADIANCE && lull_graph_mixed_by(graph) != LULL_TENSOR_NONE))
-        needed = lull_min_u(needed, plan->stored); /* what the output is made of */
-    return plan->done[tensor] - needed;
-}
-
 static void grow_ring(lull_plan *plan, unsigned tensor)
 {
     plan->ring[tensor].rows =
-        lull_max_u(plan->ring[tensor].rows, rows_alive(plan, tensor)) & 0xffffu;
+        lull_max_u(plan->ring[tensor].rows, lull_plan_alive(plan, tensor)) & 0xffffu;
 }
 
 /* Plays the whole frame through and sets the rows of every ring, and the delay. */
 static void play(lull_plan *plan)
 {
     const lull_graph *graph = &plan->model->graph;
-    memset(plan->done, 0, sizeof plan->done);
-    plan->stored = 0;
+    lull_plan_restart(plan);
     plan->delay_rows = 0;
     for (unsigned t = 0; t < LULL_TENSORS; t++)
         plan->ring[t].rows = 1;
     while (plan->stored < plan->height) {
-        plan->done[0] = lull_min_u(plan->done[0] + plan->row_step, plan->height);
-        plan->done[LULL_TENSOR_RADIANCE] = plan->done[0];
+        unsigned rows = lull_min_u(lull_plan_done(plan, 0) + plan->row_step, plan->height), made;
+        lull_plan_set_done(plan, LULL_TENSOR_INPUT, rows);
+        lull_plan_set_done(plan, LULL_TENSOR_RADIANCE, rows);
         if (plan->keeps_rows)
-            lull_plan_set_aux(plan, plan->done[0]);
+            lull_plan_set_aux(plan, LULL_AUX_ALL, rows);
         for (unsigned i = 0; i < LULL_LOADED; i++)
             grow_ring(plan, lull_loaded[i]);
         for (unsigned l = 0; l < graph->layers; l++) {
-            if (graph->layer[l].op == LULL_OP_SMOOTH && !plan->keeps_rows) {
-                lull_plan_set_aux(plan, lull_plan_albedo(plan));
+            if (lull_plan_brings(plan, l) && !plan->keeps_rows) {
+                lull_plan_set_aux(plan, lull_plan_brings(plan, l), lull_plan_aux_rows(plan, l));
                 grow_ring(plan, LULL_TENSOR_ALBEDO);
                 grow_ring(plan, LULL_TENSOR_GUIDE);
                 grow_ring(plan, LULL_TENSOR_NORMAL);
             }
-            plan->done[l + 1] = lull_plan_turn(plan, l);
+            lull_plan_set_done(plan, l + 1, lull_plan_turn(plan, l));
             grow_ring(plan, l + 1);
         }
-        if (plan->done[graph->layers] > plan->stored)
-            plan->delay_rows = lull_max_u(plan->delay_rows, plan->done[0] - 1 - plan->stored);
-        plan->stored = plan->done[graph->layers];
+        made = lull_plan_done(plan, graph->layers);
+        if (made > plan->stored)
+            plan->delay_rows = lull_max_u(plan->delay_rows, rows - 1 - plan->stored);
+        plan->stored = made;
     }
 }
 
@@ -391,7 +255,7 @@ static size_t layout_rings(lull_plan *plan, size_t *total)
             row = row * ring->channels + (size_t)(planes - 1) * lull_align_up(width, LULL_ALIGN);
             row |= LULL_ALIGN;
         }
-        ring->row_units = (uint32_t)(row / LULL_ALIGN) & 0x7fffffffu;
+        ring->row_units = (uint32_t)(row / LULL_ALIGN) & 0x3fffffffu;
         ring->offset = (uint32_t)(lull_append(total, row * ring->rows) / LULL_ALIGN);
         longest = longest > row || !ring->rows ? longest : row;
     }
@@ -572,7 +436,7 @@ lull_status lull_plan_init(lull_plan **plan, void *memory, size_t memory_bytes,
     if (memory_bytes < made->bytes)
         return LULL_ERROR_MEMORY;
     memset((uint8_t *)memory + sizeof *made, 0, made->bytes - sizeof *made);
-    made->done[0] = LULL_ROWS_IDLE;
+    lull_plan_set_done(made, 0, LULL_ROWS_IDLE);
     *plan = made;
     return LULL_OK;
 }

@@ -18,8 +18,9 @@
  * stacks. */
 typedef struct lull_ring {
     uint32_t offset;         /* in units of LULL_ALIGN bytes */
-    unsigned row_units : 31; /* length of a row, likewise */
+    unsigned row_units : 30; /* length of a row, likewise */
     unsigned has_planes : 1; /* 0: channels are interleaved */
+    unsigned done_high : 1;  /* lull_plan_done */
     unsigned rows : 16;
     unsigned channels : 11;
     unsigned level : 3;
@@ -32,8 +33,8 @@ size_t lull_ring_pixel(const lull_ring *ring);
 /* Bytes before pixel 0 of a row: one pixel of zero border, aligned. */
 size_t lull_ring_left(const lull_ring *ring);
 
-/* Value of done[0] while no run is under way. */
-#define LULL_ROWS_IDLE 0xffffffffu
+/* Rows made of the input while no run is under way. */
+#define LULL_ROWS_IDLE 0x1ffffu
 
 #define LULL_BLOCK 64u /* pixels converted together at the input and output */
 #define LULL_FIT_BLOCK 128u /* columns summed together by cells: enough for CPUs to see streams */
@@ -68,12 +69,27 @@ struct lull_plan {
     uint16_t saved_width;
     uint16_t keeps_rows; /* what is made of the images is kept from the input on; else, in family K,
                           * all but the codes is made of images that are read again */
-    /* State of a run: rows made of every tensor, and stored of the output. */
+    /* State of a run: rows made of every tensor (lull_plan_done), and stored of the output. */
     unsigned stored;
     float scale;
-    unsigned done[LULL_TENSORS];
+    uint16_t done_low[LULL_TENSORS];
     lull_ring ring[LULL_TENSORS];
 };
+
+/* Rows made of a tensor: 17 bits, for plans are put on stacks. */
+static inline unsigned lull_plan_done(const lull_plan *plan, unsigned tensor)
+{
+    return plan->done_low[tensor] | (unsigned)plan->ring[tensor].done_high << 16;
+}
+
+static inline void lull_plan_set_done(lull_plan *plan, unsigned tensor, unsigned rows)
+{
+    plan->done_low[tensor] = (uint16_t)rows;
+    plan->ring[tensor].done_high = rows >> 16 & 1u;
+}
+
+/* None are made of any. */
+void lull_plan_restart(lull_plan *plan);
 
 /* Bytes from plane to plane of a tensor that has planes. */
 size_t lull_plan_plane(const lull_plan *plan, unsigned tensor);
@@ -84,11 +100,20 @@ size_t lull_plan_pixel(const lull_plan *plan, unsigned tensor);
 /* 1 if the model's network makes this tensor. */
 int lull_plan_has(const lull_plan *plan, unsigned tensor);
 
-/* Rows of albedo that the first layer of the filter needs for its turn, where rows are not kept. */
-unsigned lull_plan_albedo(const lull_plan *plan);
+/* 1 if layer l works on an albedo that this frame lacks: its turns do nothing. */
+int lull_plan_is_idle(const lull_plan *plan, unsigned l);
 
-/* Notes that so many rows of albedo, guide and normal are made. */
-void lull_plan_set_aux(lull_plan *plan, unsigned rows);
+/* Tensors made of auxiliary images. */
+enum { LULL_AUX_ALBEDO = 1, LULL_AUX_OTHERS = 2, LULL_AUX_ALL = 3 };
+
+/* Those that layer l is the first to need. */
+unsigned lull_plan_brings(const lull_plan *plan, unsigned l);
+
+/* Rows of them that it needs for its turn, where rows are not kept. */
+unsigned lull_plan_aux_rows(const lull_plan *plan, unsigned l);
+
+/* Notes that so many rows of these tensors are made. */
+void lull_plan_set_aux(lull_plan *plan, unsigned which, unsigned rows);
 
 /* Bands of columns that loops are cut in, so that each thread has the same one in every loop; 1 if
  * there are more threads than few. */
@@ -116,6 +141,9 @@ typedef struct lull_points {
     size_t room; /* offset of what patches_out has of its own */
 } lull_points;
 size_t lull_plan_points(lull_points *points, const lull_plan *plan, unsigned l);
+
+/* Rows of a tensor that are still needed, given what its consumers and the output have made. */
+unsigned lull_plan_alive(const lull_plan *plan, unsigned tensor);
 
 /* Rows that layer l will have made after its turn in the present step: all that its sources allow,
  * but no more than a step's worth (else the last rows of the frame would all be alive at once). */

@@ -5,12 +5,41 @@ and the filter in floating point, between the same codes as KernelModel.
 """
 from __future__ import annotations
 
+import torch.nn.functional as F
 from torch import Tensor, nn
 
 from export.kernel import IntTrunk, check_trunk
 from training import kernel_model
 from training.kernel_filter import STEP
+from training.prefilter import ALIGN, means
 from training.quantize_aware import IntegerHead, IntegerLayer
+
+
+def integer_layers(model: IntTrunk) -> nn.ModuleList:
+    return nn.ModuleList((IntegerHead if x.layer.name in model.net.heads else IntegerLayer)(x)
+                         for x in model.layers)
+
+
+def run(layers: nn.ModuleList, heads: tuple[str, ...], codes: Tensor) -> list[Tensor]:
+    """Input (codes / 255) -> heads by level: logits."""
+    maps = {"input": (codes * 255.0).round().to(layers[0].weight.dtype)}
+    for layer in layers:
+        skip = maps[layer.layer.skip] if layer.layer.skip else None
+        maps[layer.layer.name] = layer(maps[layer.layer.source], skip)
+    return [(maps[name] / STEP).to(codes.dtype) for name in heads]
+
+
+class IntegerPrefilter(nn.Module):
+    """An integer prefilter, as PrefilterModel.filtered; it does not train."""
+
+    def __init__(self, model: IntTrunk):
+        super().__init__()
+        self.net, self.layers = model.net, integer_layers(model).requires_grad_(False)
+
+    def filtered(self, albedo: Tensor, codes: Tensor, present: Tensor) -> Tensor:
+        h, w = codes.shape[-2:]
+        codes = F.pad(codes, (0, -w % ALIGN, 0, -h % ALIGN))
+        return means(run(self.layers, self.net.heads, codes)[0][..., :h, :w], albedo, present)
 
 
 class IntegerKernel(nn.Module):
@@ -20,24 +49,21 @@ class IntegerKernel(nn.Module):
     def __init__(self, model: IntTrunk, transfer: str):
         super().__init__()
         self.net, self.transfer, self.bilateral = model.net, transfer, model.bilateral
-        self.layers = nn.ModuleList(
-            (IntegerHead if x.layer.name in model.net.heads else IntegerLayer)(x)
-            for x in model.layers)
+        self.before = model.prefilter  # stays as it is
+        self.prefilter = IntegerPrefilter(model.prefilter) if model.prefilter else None
+        self.layers = integer_layers(model)
 
     def trunk(self, codes: Tensor) -> list[Tensor]:
-        """Input (codes / 255) -> heads by level: logits."""
-        maps = {"input": (codes * 255.0).round().to(self.layers[0].weight.dtype)}
-        for layer in self.layers:
-            skip = maps[layer.layer.skip] if layer.layer.skip else None
-            maps[layer.layer.name] = layer(maps[layer.layer.source], skip)
-        return [(maps[name] / STEP).to(codes.dtype) for name in self.net.heads]
+        return run(self.layers, self.net.heads, codes)
 
     def forward(self, x: Tensor) -> Tensor:
         return kernel_model.run(self.trunk, self.transfer, x,
-                                bilateral=0 if self.training else self.bilateral)
+                                bilateral=0 if self.training else self.bilateral,
+                                prefilter=self.prefilter)
 
     def integer_model(self) -> IntTrunk:
         """The model as it is now; ModelError if sums could leave 32 bits."""
         model = IntTrunk(self.net, [x.rounded() for x in self.layers], self.bilateral)
+        model.prefilter = self.before
         check_trunk(model, "trained model")
         return model

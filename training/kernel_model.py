@@ -11,9 +11,9 @@ from collections.abc import Callable
 import numpy as np
 import torch
 import torch.nn.functional as F
-from torch import Tensor
+from torch import Tensor, nn
 
-from export.kernel import without_black
+from export.kernel import PICKED, without_black
 from training import color
 from training.kernel_filter import apply_filter, smooth_result
 from training.kernel_net import KernelNet, encode
@@ -47,14 +47,20 @@ def planes(codes: np.ndarray, features: list[str], has_albedo: bool = True,
 
 
 def run(trunk: Callable[[Tensor], list[Tensor]], transfer: str, x: Tensor,
-        kind: torch.dtype = torch.float32, bilateral: int = 0) -> Tensor:
+        kind: torch.dtype = torch.float32, bilateral: int = 0, prefilter=None) -> Tensor:
     """Codes [N,12,H,W] -> codes [N,3,H,W] of the filtered radiance, any height and width.
 
     trunk: network input (codes / 255) in `kind`, sides multiples of 16 -> heads by level.
     bilateral: export.kernel.BILATERAL, the last steps, which have no weights; 0 without.
+    prefilter: what filters the albedo before, with the method of PrefilterModel.
     """
     radiance = from_codes(transfer, x[:, :3])
-    codes = encode(radiance, x, kind)
+    codes = given = encode(radiance, x, kind)
+    if prefilter is not None:
+        with torch.no_grad():
+            albedo = prefilter.filtered(x[:, 3:6], codes[:, PICKED].to(x.dtype), x[:, 9:10])
+        x = torch.cat((x[:, :3], albedo.to(x.dtype), x[:, 6:]), 1)
+        codes = encode(radiance, x, kind)
     h, w = x.shape[-2:]
     odd = h % ALIGN or w % ALIGN
     heads = trunk(F.pad(codes, (0, -w % ALIGN, 0, -h % ALIGN)) if odd else codes)
@@ -62,7 +68,7 @@ def run(trunk: Callable[[Tensor], list[Tensor]], transfer: str, x: Tensor,
         heads = [head[..., :-(-h >> s), :-(-w >> s)] for s, head in enumerate(heads)]
     out, smooth, noise = apply_filter(heads, radiance, x[:, 3:6], x[:, 9:10])
     if bilateral:
-        codes = (codes.to(x.dtype) * 255.0).round()
+        codes = (given.to(x.dtype) * 255.0).round()
         normal = (2.0 * x[:, 6:9] - 1.0) * x[:, 10:11]
         out = smooth_result(out, smooth, noise, radiance, codes, normal, heads[0], bilateral)
     return to_codes(transfer, out, LOWEST, color.HDR_MAX)
@@ -71,15 +77,31 @@ def run(trunk: Callable[[Tensor], list[Tensor]], transfer: str, x: Tensor,
 class KernelModel(KernelNet):
     """A K net that maps the codes of `planes` to those of the result.
 
+    Its prefilter, if `behind` gave it one, is no part of its weights, and training leaves it alone.
     bilateral: that of `run`, in evaluation mode; in training only if `learns_last_steps`."""
 
     align = 1  # it pads by itself
     bilateral, learns_last_steps = 0, False
-
     def __init__(self, net, heads, widths: list[int], transfer: str = "pu"):
         super().__init__(net, heads, widths)
         self.transfer = transfer
 
     def forward(self, x: Tensor) -> Tensor:
         return run(self.trunk, self.transfer, x, arithmetic(x),
-                   bilateral=self.bilateral * (self.learns_last_steps or not self.training))
+                   bilateral=self.bilateral * (self.learns_last_steps or not self.training),
+                   prefilter=self.frozen)
+
+    @property
+    def frozen(self):
+        return self.__dict__.get("frozen_prefilter")
+
+    def behind(self, prefilter: nn.Module | None) -> KernelModel:
+        """This model, behind that prefilter."""
+        self.__dict__["frozen_prefilter"] = prefilter and prefilter.eval().requires_grad_(False)
+        return self
+
+    def _apply(self, fn, recurse: bool = True):
+        """To another device or type, with the prefilter."""
+        if self.frozen is not None:
+            self.frozen._apply(fn)
+        return super()._apply(fn, recurse)

@@ -13,9 +13,10 @@
 /* The kernels, which are functions of ports/opencl. */
 #define LULL_CL_KERNELS(KERNEL)                                                                    \
     KERNEL(conv) KERNEL(encode) KERNEL(spread) KERNEL(spread_normal) KERNEL(guide) KERNEL(smooth)  \
-    KERNEL(face) KERNEL(demodulate) KERNEL(shrink) KERNEL(filter) KERNEL(blend) KERNEL(bilateral)  \
-    KERNEL(fit_sums) KERNEL(fit) KERNEL(regress) KERNEL(residual) KERNEL(gains) KERNEL(correct)    \
-    KERNEL(shares) KERNEL(modulate)
+    KERNEL(pick) KERNEL(prefilter) KERNEL(encode_again) KERNEL(face) KERNEL(demodulate)            \
+    KERNEL(shrink) KERNEL(filter) KERNEL(blend) KERNEL(bilateral) KERNEL(fit_sums) KERNEL(fit)     \
+    KERNEL(regress) KERNEL(residual) KERNEL(gains) KERNEL(correct) KERNEL(shares)                  \
+    KERNEL(modulate)
 enum {
 #define LULL_CL_NUMBER(name) LULL_CL_##name,
     LULL_CL_KERNELS(LULL_CL_NUMBER)

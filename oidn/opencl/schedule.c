@@ -176,6 +176,13 @@ static lull_cl_step *add_filter(lull_cl_schedule *s, unsigned kernel, unsigned o
     return step;
 }
 
+/* Work items for the border, too, which the kernel makes. */
+static void cover_border(lull_cl_step *step)
+{
+    set_items(step, step->args.filter.width + 2 * LULL_CL_BORDER,
+              step->args.filter.height + 2 * LULL_CL_BORDER, 1);
+}
+
 /* Rows of taps of source s of a convolution, and their columns. */
 static unsigned tap_rows(const lull_layer *layer, unsigned s)
 {
@@ -184,6 +191,35 @@ static unsigned tap_rows(const lull_layer *layer, unsigned s)
 static unsigned tap_columns(const lull_layer *layer, unsigned s)
 {
     return layer->op == LULL_OP_HEAD ? 1 : s == 0 && lull_layer_is_up(layer) ? 2 : 3;
+}
+
+/* 1 if a layer has nothing to work on: without albedo there is no prefilter, without normals none
+ * are filtered, and with neither there is no regression. */
+static int is_left_out(const lull_cl_schedule *s, const lull_layer *layer)
+{
+    if (layer < s->graph->layer + s->graph->before || layer->op == LULL_OP_ENCODE)
+        return !(s->flags & LULL_CL_ALBEDO);
+    if (layer->op == LULL_OP_FACE)
+        return !(s->flags & LULL_CL_NORMAL);
+    return (layer->op == LULL_OP_FIT_SUMS || layer->op == LULL_OP_FIT ||
+            layer->op == LULL_OP_REGRESS) &&
+           !(s->flags & LULL_CL_FEATURES);
+}
+
+/* The tensor that stands for another, mostly itself: where there is no regression the result before
+ * it for its result, and the input for that with a prefiltered albedo; for others that are left
+ * out, none. */
+static uint8_t stand_in(const lull_cl_schedule *s, uint8_t tensor)
+{
+    const lull_layer *layer;
+
+    if (tensor < 1 || tensor > s->graph->layers)
+        return tensor;
+    layer = &s->graph->layer[tensor - 1];
+    if (!is_left_out(s, layer))
+        return tensor;
+    return layer->op == LULL_OP_REGRESS || layer->op == LULL_OP_ENCODE ? layer->source[0]
+                                                                        : CL_NONE;
 }
 
 /* A convolution: squares of 2x2 pixels, those of the border included. */
@@ -198,7 +234,7 @@ static void add_conv(lull_cl_schedule *s, unsigned l)
 
     for (i = 0; i < LULL_MAX_SOURCES; i++)
         if (lull_layer_inputs(s->graph, layer, i))
-            sources[i] = layer->source[i];
+            sources[i] = stand_in(s, layer->source[i]);
     step = add_step(s, LULL_CL_conv, l + 1, sources);
     args = &step->args.conv;
     step->args_bytes = sizeof *args;
@@ -220,31 +256,6 @@ static void add_conv(lull_cl_schedule *s, unsigned l)
     set_items(step, layer->pool ? args->width / 2 + 2 * border : (args->width + 1) / 2 + border,
               layer->pool ? args->height / 2 + 2 * border : (args->height + 1) / 2 + border,
               (args->outputs + LULL_CL_BLOCK - 1) / LULL_CL_BLOCK);
-}
-
-/* 1 if a layer has nothing to work on: without normals none are filtered, and with neither normals
- * nor albedo there is no regression. */
-static int is_left_out(const lull_cl_schedule *s, const lull_layer *layer)
-{
-    if (layer->op == LULL_OP_FACE)
-        return !(s->flags & LULL_CL_NORMAL);
-    return (layer->op == LULL_OP_FIT_SUMS || layer->op == LULL_OP_FIT ||
-            layer->op == LULL_OP_REGRESS) &&
-           !(s->flags & LULL_CL_FEATURES);
-}
-
-/* The tensor that stands for another, mostly itself: where there is no regression the result before
- * it for its result; for others that are left out, none. */
-static uint8_t stand_in(const lull_cl_schedule *s, uint8_t tensor)
-{
-    const lull_layer *layer;
-
-    if (tensor < 1 || tensor > s->graph->layers)
-        return tensor;
-    layer = &s->graph->layer[tensor - 1];
-    if (!is_left_out(s, layer))
-        return tensor;
-    return layer->op == LULL_OP_REGRESS ? layer->source[0] : CL_NONE;
 }
 
 /* What the kernel of a layer of the filter reads. */
@@ -273,6 +284,8 @@ static void filter_sources(uint8_t sources[LULL_CL_SOURCES], const lull_cl_sched
 static uint32_t first_code(const lull_graph *graph, const lull_layer *layer)
 {
     switch (layer->op) {
+    case LULL_OP_PREFILTER:
+        return 0;
     case LULL_OP_SMOOTH:
     case LULL_OP_FACE:
         return LULL_HEAD_ALBEDO - graph->layer[layer->source[1] - 1].first;
@@ -289,6 +302,9 @@ static uint32_t first_code(const lull_graph *graph, const lull_layer *layer)
 static void add_layer(lull_cl_schedule *s, unsigned l)
 {
     static const uint8_t kernels[] = {[LULL_OP_SMOOTH] = LULL_CL_smooth,
+                                      [LULL_OP_PICK] = LULL_CL_pick,
+                                      [LULL_OP_PREFILTER] = LULL_CL_prefilter,
+                                      [LULL_OP_ENCODE] = LULL_CL_encode_again,
                                       [LULL_OP_FACE] = LULL_CL_face,
                                       [LULL_OP_DEMODULATE] = LULL_CL_demodulate,
                                       [LULL_OP_POOL] = LULL_CL_shrink,
@@ -322,6 +338,8 @@ static void add_layer(lull_cl_schedule *s, unsigned l)
         args->inside_width = inside(s->width, layer->level + 1u);
         args->inside_height = inside(s->height, layer->level + 1u);
     }
+    if (layer->op == LULL_OP_PICK || layer->op == LULL_OP_ENCODE)
+        cover_border(step);
     if (layer->op == LULL_OP_RESIDUAL || layer->op == LULL_OP_FIT_SUMS) {
         /* a work item for each column of pixels */
         args->inside_width = s->width;
@@ -338,10 +356,8 @@ static void add_inputs(lull_cl_schedule *s)
     const uint8_t all[LULL_CL_SOURCES] = {LULL_TENSOR_RADIANCE, albedo, normal, CL_NONE, CL_NONE};
     const uint8_t aux[LULL_CL_SOURCES] = {albedo, normal, CL_NONE, CL_NONE, CL_NONE};
     const uint8_t facing[LULL_CL_SOURCES] = {normal, CL_NONE, CL_NONE, CL_NONE, CL_NONE};
-    lull_cl_step *step = add_filter(s, LULL_CL_encode, LULL_TENSOR_INPUT, 0, all);
 
-    set_items(step, step->args.filter.width + 2 * LULL_CL_BORDER,
-              step->args.filter.height + 2 * LULL_CL_BORDER, 1);
+    cover_border(add_filter(s, LULL_CL_encode, LULL_TENSOR_INPUT, 0, all));
     if (s->flags & LULL_CL_ALBEDO)
         add_filter(s, LULL_CL_spread, LULL_TENSOR_ALBEDO, 0, aux);
     if (s->flags & LULL_CL_NORMAL && lull_graph_find(s->graph, LULL_OP_FACE, 0) != CL_NONE)
@@ -381,10 +397,10 @@ void lull_cl_schedule_make(lull_cl_schedule *s, unsigned width, unsigned height)
     if (graph->family == LULL_FAMILY_K)
         add_inputs(s);
     for (l = 0; l < graph->layers; l++)
-        if (lull_layer_is_conv(&graph->layer[l]))
-            add_conv(s, l);
-        else
+        if (!lull_layer_is_conv(&graph->layer[l]))
             add_layer(s, l);
+        else if (!is_left_out(s, &graph->layer[l]))
+            add_conv(s, l);
     if (graph->family == LULL_FAMILY_K)
         add_output(s);
     place_tensors(s);

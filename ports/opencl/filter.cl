@@ -21,6 +21,20 @@ static float4 mean5(float4 sum, float more, float none)
     return sum.x > 0.0f ? (float4)(sum.yzw * share + more, 0.0f) : (float4)(none);
 }
 
+/* out: (1, filtered albedo), zeros outside the image; sources: (1, albedo), head. */
+KERNEL_OF_PIXELS prefilter(__global uchar *memory, __global const uchar *model, lull_cl_filter a)
+{
+    int x = get_global_id(0), y = get_global_id(1);
+    float4 v;
+    if (!is_inside(memory, &a, x, y))
+        return;
+    v = mean5(sum5(memory, a.source[0], a.width, a.height,
+                   bytes_at(memory, a.source[1], x, y) + a.code, (__global const float *)model, x,
+                   y),
+              0.0f, 1.0f);
+    *floats_at(memory, a.out, x, y) = (float4)(1.0f, v.x, v.y, v.z);
+}
+
 /* out: filtered albedo + epsilon; sources: (1, albedo), head. */
 KERNEL_OF_PIXELS smooth(__global uchar *memory, __global const uchar *model, lull_cl_filter a)
 {

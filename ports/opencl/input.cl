@@ -23,31 +23,46 @@ static void get_normal(int *q, __global uchar *memory, lull_cl_tensor image, int
         q[c] = lull_normal_code(from[c]);
 }
 
+/* 1 if (x, y) is inside the image; if not, puts zeros there, where there are padding and border. */
+static int is_coded(__global uchar *memory, const lull_cl_filter *a, int x, int y)
+{
+    __global uchar4 *to = (__global uchar4 *)bytes_at(memory, a->out, x, y);
+    if (x >= 0 && x < a->inside_width && y >= 0 && y < a->inside_height)
+        return 1;
+    if (x < a->width + LULL_CL_BORDER && y < a->height + LULL_CL_BORDER)
+        to[0] = to[1] = to[2] = (uchar4)(0);
+    return 0;
+}
+
+/* Codes of radiance by albedo. */
+static void code_radiance(uchar *code, const float *r, const float *albedo)
+{
+    float share[3];
+    for (int c = 0; c < 3; c++)
+        share[c] = albedo[c] + LULL_FILTER_EPSILON;
+    lull_shares(share, 1.0f, 1.0f);
+    for (int c = 0; c < 3; c++)
+        code[c] = lull_radiance_code(r[c] * share[c]);
+}
+
 /* out: the network's input, 12 codes a pixel; sources: radiance, albedo, normal. */
 KERNEL_OF_PIXELS encode(__global uchar *memory, __global const uchar *model, lull_cl_filter a)
 {
     int x = (int)get_global_id(0) - LULL_CL_BORDER, y = (int)get_global_id(1) - LULL_CL_BORDER;
-    float r[3], albedo[3], share[3], none = 1.0f - LULL_FILTER_EPSILON;
+    float r[3], albedo[3], none = 1.0f - LULL_FILTER_EPSILON;
     int normal[3] = {128, 128, 128};
     uchar code[9];
     __global uchar4 *to = (__global uchar4 *)bytes_at(memory, a.out, x, y);
-    if (x >= a.width + LULL_CL_BORDER || y >= a.height + LULL_CL_BORDER)
+    if (!is_coded(memory, &a, x, y))
         return;
-    if (x < 0 || x >= a.inside_width || y < 0 || y >= a.inside_height) {
-        to[0] = to[1] = to[2] = (uchar4)(0);
-        return;
-    }
     get_radiance(r, memory, a.source[0], x, y);
     albedo[0] = albedo[1] = albedo[2] = none;
     if (a.flags & LULL_CL_ALBEDO)
         get_albedo(albedo, memory, a.source[1], x, y);
     if (a.flags & LULL_CL_NORMAL)
         get_normal(normal, memory, a.source[2], x, y);
-    for (int c = 0; c < 3; c++)
-        share[c] = albedo[c] + LULL_FILTER_EPSILON;
-    lull_shares(share, 1.0f, 1.0f);
+    code_radiance(code, r, albedo);
     for (int c = 0; c < 3; c++) {
-        code[c] = lull_radiance_code(r[c] * share[c]);
         code[3 + c] = a.flags & LULL_CL_ALBEDO ? lull_to_code(albedo[c] * 255.0f) : 0;
         code[6 + c] = normal[c];
     }
@@ -55,6 +70,37 @@ KERNEL_OF_PIXELS encode(__global uchar *memory, __global const uchar *model, lul
     to[1] = (uchar4)(code[4], code[5], code[6], code[7]);
     to[2] = (uchar4)(code[8], a.flags & LULL_CL_ALBEDO ? 255 : 0,
                      a.flags & LULL_CL_NORMAL ? 255 : 0, a.flags & LULL_CL_CLIPPED ? 255 : 0);
+}
+
+/* out: of those the albedo's, and whether there is one; source: it. */
+KERNEL_OF_PIXELS pick(__global uchar *memory, __global const uchar *model, lull_cl_filter a)
+{
+    int x = (int)get_global_id(0) - LULL_CL_BORDER, y = (int)get_global_id(1) - LULL_CL_BORDER;
+    __global uchar *from = bytes_at(memory, a.source[0], x, y);
+    if (x < a.width + LULL_CL_BORDER && y < a.height + LULL_CL_BORDER)
+        *(__global uchar4 *)bytes_at(memory, a.out, x, y) =
+            (uchar4)(from[3], from[4], from[5], from[9]);
+}
+
+/* out: the network's input with the prefiltered albedo; sources: it, radiance, prefiltered albedo. */
+KERNEL_OF_PIXELS encode_again(__global uchar *memory, __global const uchar *model, lull_cl_filter a)
+{
+    int x = (int)get_global_id(0) - LULL_CL_BORDER, y = (int)get_global_id(1) - LULL_CL_BORDER;
+    float r[3], albedo[3];
+    uchar code[6];
+    __global uchar4 *to = (__global uchar4 *)bytes_at(memory, a.out, x, y);
+    __global uchar4 *from = (__global uchar4 *)bytes_at(memory, a.source[0], x, y);
+    if (!is_coded(memory, &a, x, y))
+        return;
+    get_radiance(r, memory, a.source[1], x, y);
+    get3(albedo, floats_at(memory, a.source[2], x, y)->yzww);
+    lull_sane_albedo(albedo);
+    code_radiance(code, r, albedo);
+    for (int c = 0; c < 3; c++)
+        code[3 + c] = lull_to_code(albedo[c] * 255.0f);
+    to[0] = (uchar4)(code[0], code[1], code[2], code[3]);
+    to[1] = (uchar4)(code[4], code[5], from[1].z, from[1].w);
+    to[2] = from[2];
 }
 
 /* 1 if (x, y) is inside the image; if not, puts zeros there, where there is padding. */

@@ -62,18 +62,23 @@ static void backwards(void *user, unsigned count, void (*body)(void *, unsigned,
 typedef struct run_case {
     unsigned features;
     lull_content content;
-    const char *expected;
+    const char *expected, *weights;
 } run_case;
 
-static const run_case cases[] = {{7, LULL_HDR, "out_7_hdr.f32"},
-                                 {7, LULL_LDR, "out_7_ldr.f32"},
-                                 {7, LULL_SRGB, "out_7_srgb.f32"},
-                                 {1, LULL_HDR, "out_1_hdr.f32"},
-                                 {3, LULL_HDR, "out_3_hdr.f32"},
-                                 {5, LULL_LIGHTMAP_HDR, "out_5_lightmap-hdr.f32"},
-                                 {1, LULL_LIGHTMAP_DIR, "out_1_lightmap-dir.f32"},
-                                 {2, LULL_LDR, "out_2_ldr.f32"},
-                                 {4, LULL_LDR, "out_4_ldr.f32"}};
+static const run_case cases[] = {{7, LULL_HDR, "out_7_hdr.f32", "weights.tza"},
+                                 {7, LULL_LDR, "out_7_ldr.f32", "weights.tza"},
+                                 {7, LULL_SRGB, "out_7_srgb.f32", "weights.tza"},
+                                 {1, LULL_HDR, "out_1_hdr.f32", "weights.tza"},
+                                 {3, LULL_HDR, "out_3_hdr.f32", "weights.tza"},
+                                 {5, LULL_LIGHTMAP_HDR, "out_5_lightmap-hdr.f32", "weights.tza"},
+                                 {1, LULL_LIGHTMAP_DIR, "out_1_lightmap-dir.f32", "weights.tza"},
+                                 {2, LULL_LDR, "out_2_ldr.f32", "weights.tza"},
+                                 {4, LULL_LDR, "out_4_ldr.f32", "weights.tza"},
+                                 {7, LULL_HDR, "pre_7_hdr.f32", "prefilter.tza"},
+                                 {7, LULL_SRGB, "pre_7_srgb.f32", "prefilter.tza"},
+                                 {3, LULL_LDR, "pre_3_ldr.f32", "prefilter.tza"},
+                                 {5, LULL_HDR, "pre_5_hdr.f32", "prefilter.tza"},
+                                 {2, LULL_LDR, "pre_2_ldr.f32", "prefilter.tza"}};
 
 static const unsigned variants[][5] = {/* threads, row step, strip width, in place, streamed */
                                        {1, 0, 0, 0, 0},  {3, 1, 0, 0, 0},  {2, 5, 16, 0, 0},
@@ -150,22 +155,22 @@ static void run_one(const run_case *c, const void *weights, size_t bytes, uint32
 
 static void equals_the_reference(void)
 {
-    size_t bytes;
-    void *weights = read_file("weights.tza", &bytes);
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        size_t bytes;
+        void *weights = read_file(cases[i].weights, &bytes);
         float *expected = read_floats(cases[i].expected);
         for (unsigned port = 0; lull_port_name(port); port++)
             for (size_t v = 0; v < sizeof variants / sizeof variants[0]; v++)
                 if (lull_ports_available() >> port & 1)
                     run_one(&cases[i], weights, bytes, (2u << port) - 1, variants[v], expected);
         free(expected);
+        free(weights);
     }
-    free(weights);
 }
 
 /* A frame so wide that loops over the filter's small levels are shared, too, and that strips do not
  * hold all of it. */
-static void wide_frames_do_not_depend_on_threads_and_strips(void)
+static void wide_frames(const char *file)
 {
     enum { WIDE = 700, ROWS = 64, RUNS = 4 };
     static const unsigned forms[RUNS][4] = {/* threads, strip width, in place, ports */
@@ -174,7 +179,7 @@ static void wide_frames_do_not_depend_on_threads_and_strips(void)
                                             {1, 48, 0, LULL_PORTS_ALL},
                                             {2, 64, 1, LULL_PORTS_SCALAR}};
     size_t values = (size_t)WIDE * ROWS * 3, bytes;
-    void *weights = read_file("weights.tza", &bytes);
+    void *weights = read_file(file, &bytes);
     float *in = malloc(values * sizeof *in), *out[RUNS];
     for (size_t i = 0; i < values; i++)
         in[i] = (float)(i * 2654435761u >> 7 & 1023u) / 512.0f;
@@ -212,6 +217,12 @@ static void wide_frames_do_not_depend_on_threads_and_strips(void)
         free(out[i]);
     free(in);
     free(weights);
+}
+
+static void wide_frames_do_not_depend_on_threads_and_strips(void)
+{
+    wide_frames("weights.tza");
+    wide_frames("prefilter.tza");
 }
 
 int main(int argc, char **argv)

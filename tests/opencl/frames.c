@@ -381,32 +381,38 @@ static void equals_the_reference(void)
 {
     static const struct {
         unsigned features;
-        const char *type, *content, *expected;
-    } rows[] = {{7, "RT", "hdr", "out_7_hdr.f32"},
-                {7, "RT", NULL, "out_7_ldr.f32"},
-                {7, "RT", "srgb", "out_7_srgb.f32"},
-                {1, "RT", "hdr", "out_1_hdr.f32"},
-                {3, "RT", "hdr", "out_3_hdr.f32"},
-                {1, "RTLightmap", "directional", "out_1_lightmap-dir.f32"},
-                {2, "RT", NULL, "out_2_ldr.f32"},
-                {4, "RT", NULL, "out_4_ldr.f32"}};
+        const char *type, *content, *expected, *weights;
+    } rows[] = {{7, "RT", "hdr", "out_7_hdr.f32", "weights.tza"},
+                {7, "RT", NULL, "out_7_ldr.f32", "weights.tza"},
+                {7, "RT", "srgb", "out_7_srgb.f32", "weights.tza"},
+                {1, "RT", "hdr", "out_1_hdr.f32", "weights.tza"},
+                {3, "RT", "hdr", "out_3_hdr.f32", "weights.tza"},
+                {1, "RTLightmap", "directional", "out_1_lightmap-dir.f32", "weights.tza"},
+                {2, "RT", NULL, "out_2_ldr.f32", "weights.tza"},
+                {4, "RT", NULL, "out_4_ldr.f32", "weights.tza"},
+                {7, "RT", "hdr", "pre_7_hdr.f32", "prefilter.tza"},
+                {7, "RT", "srgb", "pre_7_srgb.f32", "prefilter.tza"},
+                {3, "RT", NULL, "pre_3_ldr.f32", "prefilter.tza"},
+                {5, "RT", "hdr", "pre_5_hdr.f32", "prefilter.tza"},
+                {2, "RT", NULL, "pre_2_ldr.f32", "prefilter.tza"}};
     frame f = plain;
     float *images[3], *expected, *out;
     const int one = 1;
     size_t bytes, i;
-    void *model;
 
     NEED_OPENCL();
     if (!*(const char *)&one)
         SKIP("optional: the vectors are little-endian");
     f.width = 45;
     f.height = 37;
-    f.weights = model = read_golden("kernel", "weights.tza", &f.weights_bytes);
     images[0] = read_golden("kernel", "color.f32", &bytes);
     images[1] = read_golden("kernel", "albedo.f32", &bytes);
     images[2] = read_golden("kernel", "normal.f32", &bytes);
     out = malloc(bytes);
     for (i = 0; i < COUNT(rows); i++) {
+        void *model = read_golden("kernel", rows[i].weights, &f.weights_bytes);
+
+        f.weights = model;
         f.features = rows[i].features;
         f.type = rows[i].type;
         f.content = rows[i].content;
@@ -415,9 +421,9 @@ static void equals_the_reference(void)
         if (!CHECK(!memcmp(out, expected, bytes)))
             printf("  %s\n", rows[i].expected);
         free(expected);
+        free(model);
     }
     free(out);
-    free(model);
     free_images(images);
 }
 

@@ -1,0 +1,64 @@
+/* What other files ask a graph. */
+#include "graph.h"
+
+unsigned lull_layer_own_outputs(const lull_layer *layer)
+{
+    int is_second = layer->op == LULL_OP_HEAD && layer->level == 0 && layer->first == 0;
+    return is_second ? LULL_HEAD0_SPLIT : layer->outputs;
+}
+
+int lull_graph_is_local(const lull_graph *graph, unsigned tensor)
+{
+    const lull_layer *layer = &graph->layer[tensor - 1];
+    return tensor >= 1 && tensor <= graph->layers && layer->op == LULL_OP_HEAD && layer->level == 0;
+}
+
+int lull_graph_is_far(const lull_layer *layer) { return layer->reads[0] == LULL_READS_9; }
+
+int lull_graph_has_noise(const lull_graph *graph, unsigned tensor)
+{
+    unsigned smoothed = lull_graph_find(graph, LULL_OP_BILATERAL, 0);
+    return smoothed != LULL_TENSOR_NONE &&
+           (graph->layer[smoothed - 1].source[2] == tensor ||
+            (smoothed == tensor && smoothed < graph->layers) ||
+            lull_graph_find(graph, LULL_OP_REGRESS, 0) == tensor);
+}
+
+unsigned lull_graph_mixed_by(const lull_graph *graph)
+{
+    const lull_layer *last = &graph->layer[graph->layers - 1];
+    return last->op == LULL_OP_BILATERAL ? last->source[2]
+           : last->op == LULL_OP_CORRECT ? last->source[0]
+                                         : LULL_TENSOR_NONE;
+}
+
+int lull_layer_makes_codes(const lull_layer *layer)
+{
+    return lull_layer_is_conv(layer) || layer->op == LULL_OP_PICK || layer->op == LULL_OP_ENCODE;
+}
+
+int lull_graph_planes(const lull_graph *graph, unsigned tensor)
+{
+    const lull_layer *layer;
+    if (tensor == LULL_TENSOR_ALBEDO || tensor == LULL_TENSOR_NORMAL)
+        return 1;
+    if (tensor < 1 || tensor > graph->layers)
+        return 0;
+    layer = &graph->layer[tensor - 1];
+    if (lull_layer_makes_codes(layer))
+        return 0;
+    return 1 + (layer->op == LULL_OP_FILTER) + lull_graph_has_noise(graph, tensor);
+}
+
+uint64_t lull_graph_macs_per_pixel(const lull_graph *graph)
+{
+    uint64_t macs = 0; /* at the coarsest grid, summed exactly, then divided */
+    for (unsigned i = 0; i < graph->layers; i++) {
+        const lull_layer *layer = &graph->layer[i];
+        uint64_t inputs = lull_layer_all_inputs(graph, layer);
+        uint64_t taps = layer->op == LULL_OP_CONV ? 9 : layer->op == LULL_OP_HEAD ? 1 : 0;
+        macs += taps * inputs * lull_layer_own_outputs(layer)
+                << (2 * (graph->levels - layer->level));
+    }
+    return macs >> (2 * graph->levels);
+}

@@ -1,0 +1,166 @@
+/* Which rows of which tensor a plan makes, and how long they are needed. */
+#include "plan.h"
+
+/* Rows of a layer (before pooling) that `rows` of a source's `height` rows allow; `all` is the
+ * number of rows of the layer. */
+static unsigned rows_ready(lull_reads reads, unsigned rows, unsigned height, unsigned all)
+{
+    static const uint8_t below[] = {0, 1, 2, 4}; /* rows after y that are read */
+    if (rows >= height)
+        return all;
+    if (reads == LULL_READS_CELL)
+        return rows / LULL_CELL;
+    if (reads == LULL_READS_CELLS)
+        return rows > 1 ? LULL_CELL * (rows - 2) + LULL_CELL / 2 : 0;
+    if (reads == LULL_READS_8)
+        return rows / LULL_FIT_SIDE;
+    if (reads == LULL_READS_EIGHTH)
+        return rows ? LULL_FIT_SIDE * rows - LULL_FIT_SIDE / 2 : 0;
+    if (reads == LULL_READS_COARSE)
+        return rows ? 2 * rows - 1 : 0;
+    if (reads == LULL_READS_FINE)
+        return rows / 2;
+    return rows > below[reads] ? rows - below[reads] : 0;
+}
+
+/* The first row of a source that a layer still needs whose next row (before pooling) is `row`. */
+static unsigned rows_needed(lull_reads reads, unsigned row)
+{
+    static const uint8_t above[] = {0, 1, 2, 4, 1, 0, 0, 2, 0, 1};
+    if (reads == LULL_READS_CELL)
+        row = LULL_CELL * row;
+    if (reads == LULL_READS_CELLS)
+        row = (row + LULL_CELL / 2) / LULL_CELL;
+    if (reads == LULL_READS_8)
+        row = LULL_FIT_SIDE * row;
+    if (reads == LULL_READS_EIGHTH)
+        row = (row + LULL_FIT_SIDE / 2) / LULL_FIT_SIDE;
+    if (reads == LULL_READS_COARSE)
+        row = (row + 1) / 2;
+    if (reads == LULL_READS_FINE)
+        row = 2 * row;
+    return row > above[reads] ? row - above[reads] : 0;
+}
+
+int lull_plan_has(const lull_plan *plan, unsigned tensor)
+{
+    const lull_graph *graph = &plan->model->graph;
+    if (tensor <= LULL_MAX_LAYERS)
+        return tensor <= graph->layers && !(tensor && lull_plan_is_idle(plan, tensor - 1));
+    if (graph->family != LULL_FAMILY_K)
+        return tensor == LULL_TENSOR_AUX && graph->aux;
+    if (tensor == LULL_TENSOR_ALBEDO)
+        return !(~plan->frame.features & 3u);
+    if (tensor == LULL_TENSOR_GUIDE)
+        return lull_graph_find(graph, LULL_OP_BILATERAL, 0) != LULL_TENSOR_NONE;
+    if (tensor == LULL_TENSOR_NORMAL) /* not as the main image */
+        return plan->frame.features & 4u && plan->frame.features & 3u &&
+               lull_graph_find(graph, LULL_OP_FACE, 0) != LULL_TENSOR_NONE;
+    return (int)plan->keeps_rows;
+}
+
+void lull_plan_restart(lull_plan *plan)
+{
+    for (unsigned tensor = 0; tensor < LULL_TENSORS; tensor++)
+        lull_plan_set_done(plan, tensor, 0);
+    plan->stored = 0;
+}
+
+int lull_plan_is_idle(const lull_plan *plan, unsigned l)
+{
+    return l < plan->model->graph.before && !lull_plan_has(plan, LULL_TENSOR_ALBEDO);
+}
+
+unsigned lull_plan_brings(const lull_plan *plan, unsigned l)
+{
+    const lull_graph *graph = &plan->model->graph;
+    if (graph->layer[l].op == LULL_OP_PREFILTER)
+        return LULL_AUX_ALBEDO;
+    if (graph->layer[l].op == LULL_OP_SMOOTH)
+        return graph->before ? LULL_AUX_OTHERS : LULL_AUX_ALL;
+    return 0;
+}
+
+void lull_plan_set_aux(lull_plan *plan, unsigned which, unsigned rows)
+{
+    if (which & LULL_AUX_ALBEDO)
+        lull_plan_set_done(plan, LULL_TENSOR_ALBEDO, rows);
+    if (which & LULL_AUX_OTHERS) {
+        lull_plan_set_done(plan, LULL_TENSOR_GUIDE, rows);
+        lull_plan_set_done(plan, LULL_TENSOR_NORMAL, rows);
+    }
+}
+
+unsigned lull_plan_aux_rows(const lull_plan *plan, unsigned l)
+{
+    const lull_graph *graph = &plan->model->graph;
+    unsigned first = lull_plan_brings(plan, l) & LULL_AUX_ALBEDO ? LULL_TENSOR_ALBEDO
+                                                                 : LULL_TENSOR_GUIDE;
+    unsigned rows = lull_plan_done(plan, graph->layer[l].source[1]);
+    rows = lull_min_u(rows, lull_plan_done(plan, l + 1) + plan->row_step) + 2;
+    return lull_max_u(lull_min_u(rows, plan->height), lull_plan_done(plan, first));
+}
+
+/* Rows of layer l in a turn, after pooling. */
+static unsigned turn_rows(const lull_plan *plan, unsigned l)
+{
+    const lull_layer *layer = &plan->model->graph.layer[l];
+    unsigned turn = lull_max_u(plan->row_step >> (layer->level + layer->pool), 1);
+    return (unsigned)lull_align_up(turn, lull_plan_rows(plan, l));
+}
+
+/* 1 if every layer that reads a tensor could take a whole turn with the rows that are made. A layer
+ * without readers makes the output. */
+static int is_ahead(const lull_plan *plan, unsigned tensor)
+{
+    const lull_graph *graph = &plan->model->graph;
+    unsigned height = plan->height >> lull_graph_level(graph, tensor), readers = 0;
+    for (unsigned l = 0; l < graph->layers; l++) {
+        const lull_layer *layer = &graph->layer[l];
+        unsigned all = plan->height >> layer->level;
+        unsigned wanted = (lull_plan_done(plan, l + 1) + turn_rows(plan, l)) << layer->pool;
+        for (unsigned s = 0; s < LULL_MAX_SOURCES; s++) {
+            if (layer->source[s] != tensor)
+                continue;
+            if (rows_ready((lull_reads)layer->reads[s], lull_plan_done(plan, tensor), height, all) <
+                lull_min_u(wanted, all))
+                return 0;
+            readers++;
+        }
+    }
+    return readers > 0;
+}
+
+unsigned lull_plan_turn(const lull_plan *plan, unsigned l)
+{
+    const lull_graph *graph = &plan->model->graph;
+    const lull_layer *layer = &graph->layer[l];
+    unsigned all = plan->height >> layer->level, ready = all;
+    unsigned rows = lull_plan_rows(plan, l), done = lull_plan_done(plan, l + 1);
+    if (graph->family == LULL_FAMILY_U && is_ahead(plan, l + 1))
+        return done;
+    for (unsigned s = 0; s < LULL_MAX_SOURCES && layer->source[s] != LULL_TENSOR_NONE; s++)
+        ready = lull_min_u(
+            ready, rows_ready((lull_reads)layer->reads[s], lull_plan_done(plan, layer->source[s]),
+                              plan->height >> lull_graph_level(graph, layer->source[s]), all));
+    return lull_min_u((ready >> layer->pool) / rows * rows, done + turn_rows(plan, l));
+}
+
+unsigned lull_plan_alive(const lull_plan *plan, unsigned tensor)
+{
+    const lull_graph *graph = &plan->model->graph;
+    unsigned needed = lull_plan_done(plan, tensor);
+    for (unsigned l = 0; l < graph->layers; l++) {
+        const lull_layer *layer = &graph->layer[l];
+        for (unsigned s = 0; s < LULL_MAX_SOURCES; s++)
+            if (layer->source[s] == tensor)
+                needed = lull_min_u(needed,
+                                    rows_needed((lull_reads)layer->reads[s],
+                                                lull_plan_done(plan, l + 1) << layer->pool));
+    }
+    if (tensor == graph->layers || tensor == lull_graph_find(graph, LULL_OP_SMOOTH, 0) ||
+        tensor == lull_graph_mixed_by(graph) ||
+        (tensor == LULL_TENSOR_RADIANCE && lull_graph_mixed_by(graph) != LULL_TENSOR_NONE))
+        needed = lull_min_u(needed, plan->stored); /* what the output is made of */
+    return lull_plan_done(plan, tensor) - needed;
+}

@@ -1,0 +1,137 @@
+"""Family P: a prefilter by itself, before a K model, and in its file."""
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from export import export, kernel, pixels, quantize_kernel
+from export.dequantize import float_tensors
+from export.tza import Reader
+from tests.training.test_kernel_train import QUICK, RAW, clear_of_steps
+from tests.training.test_train import losses
+from training import infer, kernel_model, nets, prefilter, train
+from training.data import Augment, Batches, from_raw
+from training.imageio import read_image
+from training.kernel_integer import IntegerKernel
+from training.result import Result, load_model
+from training.scan import scan
+
+GOLDEN = Path(__file__).resolve().parent.parent / "golden" / "kernel" / "prefilter.tza"
+ALBEDO = ["alb", "--raw", "-t", "train", *QUICK, "-m", "prefilter:4,4,4,8,8,4,4"]
+
+
+@pytest.fixture(scope="module")
+def tiny(raw, tmp_path_factory) -> str:
+    """A prefilter, trained a little and quantised."""
+    results = tmp_path_factory.mktemp("prefilter")
+    train.main([*ALBEDO, "-D", str(raw), "-R", str(results), "-r", "p", "-e", "2"])
+    export.main(["-R", str(results), "-r", "p", "--int8", "-o", str(results / "p.tza")])
+    return str(results / "p.tza")
+
+
+def test_it_learns_to_filter_albedo(raw, work, capsys):
+    train.main([*ALBEDO, "-D", str(raw), "-v", "valid", "-r", "p", "-e", "60",
+                "--max_lr", "1e-2"])
+    loss = losses(capsys.readouterr().out)
+    assert np.mean(loss[-10:]) < np.mean(loss[:10]) - 0.05
+    infer.main(["-r", "p", "-D", str(raw), "-i", "valid"])
+    assert "psnr_avg" in capsys.readouterr().out
+
+
+def test_the_whole_way(raw, work, tiny, build):
+    """A K model behind it: trained, exported with it, the same in the core and in PyTorch; the
+    prefilter itself stays as it was."""
+    train.main([*RAW, "-D", str(raw), "-r", "k", "-e", "3", "--prefilter", tiny])
+    export.main(["-r", "k", "--int8", "-o", "k.tza"])
+    joined, alone = kernel.load("k.tza"), kernel.int_prefilter(Reader(tiny), tiny)
+    for a, b in zip(joined.prefilter.layers, alone.layers, strict=True):
+        assert np.array_equal(a.weight, b.weight) and np.array_equal(a.bias, b.bias)
+    model = load_model(Result("results", "k"))[0]
+    assert model.frozen and not any(k.startswith("pre_") for k in model.state_dict())
+    infer.main(["-r", "k", "-D", str(raw), "-i", "valid"])
+    program = build / "bin" / "oidnDenoise"
+    if not program.exists():
+        pytest.skip("optional: the programs are not built")
+    stem = raw / "valid/scene0/view0_0004spp"
+    subprocess.run([program, "-w", "k.tza", "-o", "c.pfm", "--hdr", f"{stem}.hdr.exr", "--alb",
+                    f"{stem}.alb.exr", "--nrm", f"{stem}.nrm.exr"], check=True, capture_output=True)
+    ours = read_image(Path("infer/valid/scene0/view0_0004spp.k.hdr.exr"))
+    assert np.abs(read_image(Path("c.pfm")) - ours).mean() < 0.05 * ours.mean()
+
+
+def test_a_joined_file_is_rounded_anew_with_its_prefilter(raw, work):
+    assert quantize_kernel.main([str(GOLDEN), "again.tza", "--data", str(raw / "train"),
+                                 "--count", "2", "--prefilter", str(GOLDEN)]) == 0
+    again, before = kernel.load("again.tza"), kernel.load(GOLDEN)
+    assert all(np.array_equal(a.weight, b.weight) for a, b in
+               zip(again.prefilter.layers, before.prefilter.layers, strict=True))
+    assert again.bilateral == before.bilateral
+
+
+@pytest.mark.parametrize("height, width", [(37, 45), (16, 33), (21, 19), (5, 3)])
+def test_integers_in_pytorch_equal_the_reference(height, width):
+    model = kernel.load(GOLDEN)
+    rng = np.random.default_rng(2)
+    images = {"color": rng.random((height, width, 3), np.float32),
+              "albedo": rng.random((height, width, 3), np.float32),
+              "normal": rng.random((height, width, 3), np.float32) * 2 - 1}
+    clear_of_steps(images)
+    want = kernel.run_frame(model, pixels.Frame(images, "hdr", 1.0))
+    codes = np.concatenate([images["color"], images["albedo"], images["normal"] / 2 + 0.5], -1)
+    x = kernel_model.planes(codes, ["hdr", "alb", "nrm"])
+    net = IntegerKernel(model, "linear").eval()
+    with torch.no_grad():
+        got = net(torch.from_numpy(x.transpose(2, 0, 1).copy())[None])[0].numpy().transpose(1, 2, 0)
+    assert np.median(np.abs(got - want)) < 1e-3  # codes of the second input that round otherwise
+    model.prefilter = None
+    other = kernel.run_frame(model, pixels.Frame(images, "hdr", 1.0))
+    assert np.median(np.abs(other - want)) > 5e-3
+    assert net.integer_model().prefilter is not None
+
+
+def test_means_are_those_of_the_reference():
+    rng = np.random.default_rng(3)
+    codes = rng.integers(100, 256, (9, 7, 25)).astype(np.uint8)
+    albedo = rng.random((9, 7, 3), np.float32)
+    q, a = (torch.from_numpy(v.transpose(2, 0, 1)[None].astype(np.float32))
+            for v in (codes, albedo))
+    got = prefilter.means(q / 16, a, torch.ones_like(a[:, :1]))[0].numpy().transpose(1, 2, 0)
+    np.testing.assert_allclose(got, kernel.feature_means(codes, albedo, 0), rtol=1e-5)
+
+
+def test_without_albedo_nothing_changes():
+    tensors = float_tensors(Reader(GOLDEN), "golden")
+    with_it, without = nets.from_tensors(tensors), nets.from_tensors(
+        nets.without_prefilter(tensors))
+    x = torch.rand(1, 12, 32, 48)
+    x[:, 9:12] = torch.tensor([1.0, 0.0, 0.0]).view(1, 3, 1, 1)
+    with torch.no_grad():
+        assert not torch.equal(with_it(x), without(x))
+        x[:, 3:6] = x[:, 9:10] = 0
+        assert torch.equal(with_it(x), without(x))
+
+
+def test_tiles_of_albedo(raw):
+    """Black is white, features of the target stay, and --minify makes several pixels one."""
+    pictures = from_raw(scan(raw / "train", ["alb"], ["alb"]), ["alb"], "alb", "linear")
+    pictures[0].inputs[0][:4] = 0
+    for augment in (Augment(), Augment(texture=1.0), Augment(minify=1.0)):
+        x, y = Batches(pictures, ["alb"], "alb", "linear", 50, 16, 1, augment, family="P")[0]
+        assert x.shape == y.shape == (50, 3, 16, 16) and float(x.max()) <= 1
+        inside = (y > 0).any(1)
+        assert bool((x > 0).any(1)[inside].all())
+    assert not torch.equal(x, y)
+
+
+def test_what_it_refuses(raw, work, fails):
+    code, text = fails(train.main, ["hdr", "alb", *ALBEDO[1:], "-D", str(raw)])
+    assert code == 2 and "family P takes alb" in text
+    code, text = fails(train.main, [*RAW, "-D", str(raw), "--prefilter", "weights.pt"])
+    assert code == 2 and "weights.pt: not an integer model" in text
+    code, text = fails(train.main, ["hdr", "--raw", "-t", "train", "-m", "w8", "-D", str(raw),
+                                    "--prefilter", str(GOLDEN)])
+    assert code == 2 and "family K" in text
