@@ -10,7 +10,7 @@ import torch
 
 from export import export, kernel, pixels, quantize_kernel
 from export.dequantize import float_tensors
-from export.tza import Reader
+from export.tza import Reader, Writer
 from tests.training.test_kernel_train import QUICK, RAW, clear_of_steps
 from tests.training.test_train import losses
 from training import infer, kernel_model, nets, prefilter, train
@@ -91,6 +91,24 @@ def test_integers_in_pytorch_equal_the_reference(height, width):
     other = kernel.run_frame(model, pixels.Frame(images, "hdr", 1.0))
     assert np.median(np.abs(other - want)) > 5e-3
     assert net.integer_model().prefilter is not None
+
+
+@pytest.mark.parametrize("name, change", [
+    ("pre_head.bias", lambda v: v[:24]), ("pre_enc0.weight", lambda v: v[:, :3]),
+    ("pre_dec0.skip.weight", None), ("pre_head.weight", lambda v: v[:24]),
+    ("pre_enc1a.bias", lambda v: np.full_like(v, 2**31 - 1))])
+def test_broken_prefilters_are_refused(name, change, build, work):
+    tensors = dict(Reader(GOLDEN))
+    tensors[name] = change and np.ascontiguousarray(change(tensors[name]))
+    with Writer(work / "broken.tza") as w:
+        for key, value in tensors.items():
+            if value is not None:
+                w.write(key, value.astype(tensors[key].dtype))
+    with pytest.raises(ValueError):
+        kernel.load(work / "broken.tza")
+    done = subprocess.run([build / "bin" / "lullInfo", work / "broken.tza"], capture_output=True,
+                          text=True)
+    assert done.returncode != 0 and "broken.tza" in done.stderr
 
 
 def test_means_are_those_of_the_reference():
