@@ -4,7 +4,7 @@
 unsigned lull_layer_own_outputs(const lull_layer *layer)
 {
     int is_second = layer->op == LULL_OP_HEAD && layer->level == 0 && layer->first == 0;
-    return is_second ? LULL_HEAD0_SPLIT : layer->outputs;
+    return is_second ? LULL_HEAD0_SPLIT : layer->outputs; /* a prefilter's head has as many */
 }
 
 int lull_graph_is_local(const lull_graph *graph, unsigned tensor)
@@ -17,11 +17,14 @@ int lull_graph_is_far(const lull_layer *layer) { return layer->reads[0] == LULL_
 
 int lull_graph_has_noise(const lull_graph *graph, unsigned tensor)
 {
-    unsigned smoothed = lull_graph_find(graph, LULL_OP_BILATERAL, 0);
-    return smoothed != LULL_TENSOR_NONE &&
-           (graph->layer[smoothed - 1].source[2] == tensor ||
-            (smoothed == tensor && smoothed < graph->layers) ||
-            lull_graph_find(graph, LULL_OP_REGRESS, 0) == tensor);
+    const lull_layer *layer;
+    if (tensor < 1 || tensor > graph->layers)
+        return 0;
+    layer = &graph->layer[tensor - 1];
+    if (layer->op == LULL_OP_FILTER)
+        return !layer->level && lull_graph_find(graph, LULL_OP_BILATERAL, 0) != LULL_TENSOR_NONE;
+    return layer->op == LULL_OP_REGRESS ||
+           (layer->op == LULL_OP_BILATERAL && tensor < graph->layers);
 }
 
 unsigned lull_graph_mixed_by(const lull_graph *graph)
