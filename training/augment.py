@@ -23,6 +23,7 @@ LINE_WIDTHS = (0.7, 5.0)    # pixels, of figures of lines
 DARKEST = 0.03              # least factor of a texture
 FINE_P = 0.35               # textures of waves that are finer than a pixel
 SHADOW_P = 0.25             # textures that multiply the radiance alone
+ALIASED_P = 0.5             # figures whose edges fall between pixels
 TINTED_P = 0.5              # noise of light found by chance whose hits have colours of their own
 ZOOMS = (1.5, 6.0)          # of enlarged tiles
 MINIFIED = 4                # most pixels across of the original in one of a minified tile
@@ -113,13 +114,15 @@ def waves(h: int, w: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndar
 
 def figure(h: int, w: int, rng: np.random.Generator) -> np.ndarray:
     """Coverage in [0,1] of the pixels of a random figure, [h,w]: areas or lines, edges one pixel
-    wide."""
+    wide, or none, as where pixels are seen at their centres only."""
     f, slope = waves(h, w, rng)
     slope = np.maximum(slope, 1e-3)
     if rng.random() < 0.4:  # within half a width of the curve f = 0
         distance = 0.5 * rng.uniform(*LINE_WIDTHS) - np.abs(f) / slope
     else:
         distance = (f - rng.normal(0, 0.7)) / slope
+    if rng.random() < ALIASED_P:
+        return (distance > 0).astype(np.float64)
     return np.clip(0.5 + distance, 0.0, 1.0)
 
 

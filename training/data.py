@@ -27,7 +27,7 @@ CLEANER = 16                    # samples of a target that inputs are blended to
 CLEAN_SPP = 256                 # samples of a target that hardly shows its own noise
 LEAST_NOISE = 0.2, 0.03         # that blending leaves: of targets with fewer samples, of clean ones
 ON_LIGHT = ("fireflies", "hits", "collage", "texture", "zoom", "blur", "defocus")  # of Augment,
-ON_ALBEDO = ("texture", "zoom", "blur", "defocus")  # of albedo; "minify": before a tile is cut
+ON_ALBEDO = ON_LIGHT[2:]  # those for albedo; "minify": before a tile is cut
 BLACK_P = 0.01                  # tiles made black: aux features alone are no light
 
 
@@ -251,7 +251,7 @@ class Batches:
         cut = random_cut(other.target, h, w, rng)
         codes, target = other.inputs[k][cut], other.target[cut]
         features = target if clean and target.shape[-1] > m else codes
-        gain = np.float32(2.0 ** rng.uniform(-3, 3))
+        gain = np.float32(2.0 ** (rng.uniform(-3, 3) if self.family != "P" else 0.0))
         share = figure(h, w, rng)
         edge = (share > 0) & (share < 1)
         drawn = share.copy()
