@@ -30,7 +30,7 @@ def scaled(part: Part, step: np.ndarray, shift: int) -> np.ndarray:
 
 def read_integer(tensors: Mapping[str, np.ndarray], file: str) -> IntModel:
     """An integer model of any family. ModelError if it is none."""
-    if any(f"{net.key}.weight" in tensors for net in kernel.read_trunks()):
+    if kernel.find_net(tensors):
         return kernel.int_trunk(tensors, file)
     return kernel.int_prefilter(tensors, file) or int_model(tensors, file)
 

@@ -78,22 +78,21 @@ def read_trunks(path: Path = NETS_DEF, family: str = "K") -> list[Trunk]:
     return trunks
 
 
+def find_net(tensors: Mapping[str, np.ndarray], family: str = "K") -> Trunk | None:
+    """The net of a family whose weights are among these."""
+    return next((net for net in read_trunks(family=family) if f"{net.key}.weight" in tensors), None)
+
+
 def find_trunk(tensors: Mapping[str, np.ndarray], file: str) -> Trunk:
     """The K net whose weights these are."""
-    for trunk in read_trunks():
-        if f"{trunk.key}.weight" in tensors:
-            return trunk
-    raise ModelError(f"{file}: the tensors belong to no known network of family K")
+    if (trunk := find_net(tensors)) is None:
+        raise ModelError(f"{file}: the tensors belong to no known network of family K")
+    return trunk
 
 
 def widened(weight: np.ndarray) -> np.ndarray:
     """[O,I,1,1] -> [O,I,3,3] with zeros around the tap."""
     return np.pad(weight, ((0, 0), (0, 0), (1, 1), (1, 1)))
-
-
-def find_prefilter(tensors: Mapping[str, np.ndarray]) -> Trunk | None:
-    """The prefilter whose weights are among these."""
-    return next((p for p in read_trunks(family="P") if f"{p.key}.weight" in tensors), None)
 
 
 class FloatTrunk(FloatModel):
@@ -141,7 +140,7 @@ def int_trunk(tensors: Mapping[str, np.ndarray], file: str) -> IntTrunk:
 
 def int_prefilter(tensors: Mapping[str, np.ndarray], file: str) -> IntTrunk | None:
     """The prefilter among the tensors of a file, checked; None if there is none."""
-    net = find_prefilter(tensors)
+    net = find_net(tensors, "P")
     if net is None:
         return None
     prefilter = IntTrunk(*_layers(net, tensors, file))

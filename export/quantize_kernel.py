@@ -159,11 +159,11 @@ def quantized(args: argparse.Namespace) -> kernel.IntTrunk:
     """What the arguments ask for: a K model, or a prefilter alone."""
     tensors, options = read_tensors(args.input), replace(OPTIONS, words=args.words)
     prefilter = read_prefilter(args.prefilter) if args.prefilter else None
-    own = kernel.find_prefilter(tensors)
+    own = kernel.find_net(tensors, "P")
     if own and not prefilter:
         inputs = picked(calibration_set(args.data, args.count, args.all_features))
         prefilter = KernelQuantizer(kernel.FloatTrunk(own, tensors), inputs, options).run()
-    if own and not any(f"{net.key}.weight" in tensors for net in kernel.read_trunks()):
+    if own and kernel.find_net(tensors) is None:
         return prefilter
     model = kernel.FloatTrunk(kernel.find_trunk(tensors, str(args.input)), tensors)
     inputs = calibration_set(args.data, args.count, args.all_features, prefilter)

@@ -58,7 +58,7 @@ def quantize(tensors: dict[str, torch.Tensor], settings: Settings, pictures: lis
     arrays = {k: np.asarray(v.detach().cpu().float(), np.float16) for k, v in tensors.items()}
     if settings.get("family") == "P":
         inputs = picked([albedo_input(x) for x in spread_codes(pictures, CALIBRATION)])
-        return KernelQuantizer(kernel.FloatTrunk(kernel.find_prefilter(arrays), arrays), inputs,
+        return KernelQuantizer(kernel.FloatTrunk(kernel.find_net(arrays, "P"), arrays), inputs,
                                OPTIONS).run()
     if settings.get("family", "U") == "K":
         net = kernel.find_trunk(arrays, settings.result)

@@ -5,13 +5,11 @@ and the filter in floating point, between the same codes as KernelModel.
 """
 from __future__ import annotations
 
-import torch.nn.functional as F
 from torch import Tensor, nn
 
 from export.kernel import IntTrunk, check_trunk
 from training import kernel_model
 from training.kernel_filter import STEP
-from training.prefilter import ALIGN, means
 from training.quantize_aware import IntegerHead, IntegerLayer
 
 
@@ -29,19 +27,6 @@ def run(layers: nn.ModuleList, heads: tuple[str, ...], codes: Tensor) -> list[Te
     return [(maps[name] / STEP).to(codes.dtype) for name in heads]
 
 
-class IntegerPrefilter(nn.Module):
-    """An integer prefilter, as PrefilterModel.filtered; it does not train."""
-
-    def __init__(self, model: IntTrunk):
-        super().__init__()
-        self.net, self.layers = model.net, integer_layers(model).requires_grad_(False)
-
-    def filtered(self, albedo: Tensor, codes: Tensor, present: Tensor) -> Tensor:
-        h, w = codes.shape[-2:]
-        codes = F.pad(codes, (0, -w % ALIGN, 0, -h % ALIGN))
-        return means(run(self.layers, self.net.heads, codes)[0][..., :h, :w], albedo, present)
-
-
 class IntegerKernel(nn.Module):
     """An integer K model as a torch module: [N,12,H,W] codes of `planes` -> [N,3,H,W] codes; in
     evaluation mode with the smoothing along the result if the model has it."""
@@ -50,16 +35,20 @@ class IntegerKernel(nn.Module):
         super().__init__()
         self.net, self.transfer, self.bilateral = model.net, transfer, model.bilateral
         self.before = model.prefilter  # stays as it is
-        self.prefilter = IntegerPrefilter(model.prefilter) if model.prefilter else None
+        before = integer_layers(model.prefilter) if model.prefilter else nn.ModuleList()
+        self.layers_before = before.requires_grad_(False)
         self.layers = integer_layers(model)
 
     def trunk(self, codes: Tensor) -> list[Tensor]:
         return run(self.layers, self.net.heads, codes)
 
+    def prefilter(self, codes: Tensor) -> list[Tensor]:
+        return run(self.layers_before, self.before.net.heads, codes)
+
     def forward(self, x: Tensor) -> Tensor:
         return kernel_model.run(self.trunk, self.transfer, x,
                                 bilateral=0 if self.training else self.bilateral,
-                                prefilter=self.prefilter)
+                                prefilter=self.prefilter if self.before else None)
 
     def integer_model(self) -> IntTrunk:
         """The model as it is now; ModelError if sums could leave 32 bits."""

@@ -10,18 +10,17 @@ from collections.abc import Callable
 
 import numpy as np
 import torch
-import torch.nn.functional as F
 from torch import Tensor, nn
 
 from export.kernel import PICKED, without_black
 from training import color
 from training.kernel_filter import apply_filter, smooth_result
-from training.kernel_net import KernelNet, encode
+from training.kernel_net import KernelNet, encode, padded_heads
 from training.pointwise import from_codes, to_codes
+from training.prefilter import filtered
 from training.trunk import arithmetic
 
 PLANES = 12     # 0-2 radiance code, 3-5 albedo, 6-8 normal code, 9-11 flags (below)
-ALIGN = 16      # of the trunk
 LOWEST = 1e-6   # radiance below this has no gradient worth following in a transfer function
 FEATURES = ("hdr", "ldr", "alb", "nrm")  # that the family knows
 
@@ -50,22 +49,18 @@ def run(trunk: Callable[[Tensor], list[Tensor]], transfer: str, x: Tensor,
         kind: torch.dtype = torch.float32, bilateral: int = 0, prefilter=None) -> Tensor:
     """Codes [N,12,H,W] -> codes [N,3,H,W] of the filtered radiance, any height and width.
 
-    trunk: network input (codes / 255) in `kind`, sides multiples of 16 -> heads by level.
+    trunk: network input (codes / 255) in `kind`, sides multiples of ALIGN -> heads by level.
     bilateral: export.kernel.BILATERAL, the last steps, which have no weights; 0 without.
-    prefilter: what filters the albedo before, with the method of PrefilterModel.
+    prefilter: the trunk of what filters the albedo before; no gradient passes it.
     """
     radiance = from_codes(transfer, x[:, :3])
     codes = given = encode(radiance, x, kind)
     if prefilter is not None:
         with torch.no_grad():
-            albedo = prefilter.filtered(x[:, 3:6], codes[:, PICKED].to(x.dtype), x[:, 9:10])
+            albedo = filtered(prefilter, x[:, 3:6], codes[:, PICKED], x[:, 9:10])
         x = torch.cat((x[:, :3], albedo.to(x.dtype), x[:, 6:]), 1)
         codes = encode(radiance, x, kind)
-    h, w = x.shape[-2:]
-    odd = h % ALIGN or w % ALIGN
-    heads = trunk(F.pad(codes, (0, -w % ALIGN, 0, -h % ALIGN)) if odd else codes)
-    if odd:  # padding is no part of the image for the filter
-        heads = [head[..., :-(-h >> s), :-(-w >> s)] for s, head in enumerate(heads)]
+    heads = padded_heads(trunk, codes)
     out, smooth, noise = apply_filter(heads, radiance, x[:, 3:6], x[:, 9:10])
     if bilateral:
         codes = (given.to(x.dtype) * 255.0).round()
@@ -82,6 +77,7 @@ class KernelModel(KernelNet):
 
     align = 1  # it pads by itself
     bilateral, learns_last_steps = 0, False
+
     def __init__(self, net, heads, widths: list[int], transfer: str = "pu"):
         super().__init__(net, heads, widths)
         self.transfer = transfer
@@ -89,7 +85,7 @@ class KernelModel(KernelNet):
     def forward(self, x: Tensor) -> Tensor:
         return run(self.trunk, self.transfer, x, arithmetic(x),
                    bilateral=self.bilateral * (self.learns_last_steps or not self.training),
-                   prefilter=self.frozen)
+                   prefilter=self.frozen and self.frozen.trunk)
 
     @property
     def frozen(self):

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
@@ -18,6 +19,7 @@ from training.kernel_filter import EPS, RADIANCE_MAX, Round, apply_filter, plana
 from training.trunk import Conv, Trunk, usable
 
 INPUTS = 12
+ALIGN = 16  # heights and widths of inputs are multiples of this
 LOG_GAIN, LOG_TOP = 32.0, 128.0   # radiance code: ln(1 + 32 I) / ln(1 + 32 * 128)
 LOG_SCALE = 1.0 / math.log1p(LOG_GAIN * LOG_TOP)
 HEAD_WIDTHS = (52, 27, 27, 27, 27)
@@ -80,6 +82,15 @@ def encode(radiance: Tensor, x: Tensor, kind: torch.dtype = torch.float32) -> Te
         out = mixed_input(radiance, x[:, 3:6], x[:, 6:9] * 2 - 1, x[:, 9:10], x[:, 10:11],
                           x[:, 11:12])
     return out.to(kind)
+
+
+def padded_heads(trunk: Callable[[Tensor], list[Tensor]], codes: Tensor) -> list[Tensor]:
+    """Heads by level of a trunk, for codes of any height and width; padding is no part of them."""
+    h, w = codes.shape[-2:]
+    if not (h % ALIGN or w % ALIGN):
+        return trunk(codes)
+    heads = trunk(F.pad(codes, (0, -w % ALIGN, 0, -h % ALIGN)))
+    return [head[..., :-(-h >> s), :-(-w >> s)] for s, head in enumerate(heads)]
 
 
 class HeadedNet(nn.Module):

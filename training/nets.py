@@ -175,15 +175,19 @@ def from_tensors(tensors: dict) -> nn.Module:
 
 def prefilter_of(tensors: dict) -> PrefilterModel | None:
     """The prefilter whose tensors are among these, if there is one."""
-    net = next(net for net in parse_nets().values() if net.family == "P")
+    net = _prefilter_net()
     return _loaded(net, tensors) if f"{net.key}.weight" in tensors else None
 
 
 def without_prefilter(tensors: dict) -> dict:
     """The tensors less those of a prefilter."""
-    net = next(net for net in parse_nets().values() if net.family == "P")
+    net = _prefilter_net()
     names = {net.key, *(layer.name for layer in net.layers)}
     return {k: v for k, v in tensors.items() if k.partition(".")[0] not in names}
+
+
+def _prefilter_net() -> Topology:
+    return next(net for net in parse_nets().values() if net.family == "P")
 
 
 def _loaded(net: Topology, tensors: dict) -> nn.Module:

@@ -1,25 +1,23 @@
 """Family P: a small network that filters the albedo before a network of family K sees it
-(docs/kernel-prediction.md, step 0).
+(docs/kernel-prediction.md, Prefilter).
 
 It is trained by itself, on albedo alone (`python -m training.train alb -m prefilter`, `export
 --int8`), and given to the training of a K model with --prefilter, which does not change it.
 """
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import torch
-import torch.nn.functional as F
 from torch import Tensor
 
 from export.kernel import PICKED, TAPS, without_black
 from training.errors import USAGE, ToolError
-from training.kernel_filter import RADIUS, SIDE, logits_of
-from training.kernel_net import HeadedNet, to_code
+from training.kernel_filter import weighted_sums
+from training.kernel_net import HeadedNet, padded_heads, to_code
 from training.trunk import arithmetic
-
-ALIGN = 16  # as the network behind it
 
 
 class PrefilterModel(HeadedNet):
@@ -36,26 +34,21 @@ class PrefilterModel(HeadedNet):
     def forward(self, x: Tensor) -> Tensor:
         x = x.clamp(0.0, 1.0)
         present = (x > 0).any(1, keepdim=True).to(x.dtype)
-        return self.filtered(x, torch.cat((to_code(x), present), 1), present)
+        codes = torch.cat((to_code(x), present), 1)
+        return filtered(self.trunk, x, codes.to(arithmetic(x)), present)
 
-    def filtered(self, albedo: Tensor, codes: Tensor, present: Tensor) -> Tensor:
-        """codes / 255 [N,4,H,W]: those channels PICKED of a K model's; present: 0 or 1."""
-        h, w = codes.shape[-2:]
-        codes = F.pad(codes.to(arithmetic(codes)), (0, -w % ALIGN, 0, -h % ALIGN))
-        return means(self.trunk(codes)[0][..., :h, :w], albedo, present)
+
+def filtered(trunk: Callable[[Tensor], list[Tensor]], albedo: Tensor, codes: Tensor,
+             present: Tensor) -> Tensor:
+    """Albedo [N,3,H,W] by the kernels of a prefilter's trunk. codes / 255 [N,4,H,W]: those channels
+    PICKED of a K model's; present: 0 or 1, [N,1,H,W]."""
+    return means(padded_heads(trunk, codes)[0], albedo, present)
 
 
 def means(q: Tensor, albedo: Tensor, present: Tensor) -> Tensor:
     """5x5 means of albedo [N,3,H,W] by the logits q [N,25,H,W], of what is present; 0 elsewhere."""
-    weights = logits_of(q.to(albedo.dtype)).exp()
-    values = torch.cat((present, present * albedo), 1)
-    taps = [(k % SIDE - RADIUS, k // SIDE - RADIUS) for k in range(TAPS)]
-    padded = F.pad(values, (RADIUS,) * 4)
-    h, w = values.shape[-2:]
-    total = sum(weights[:, k:k + 1] * padded[..., y + RADIUS:y + RADIUS + h,
-                                             x + RADIUS:x + RADIUS + w]
-                for k, (x, y) in enumerate(taps))
-    return total[:, 1:] / total[:, :1].clamp(min=1e-12) * present
+    sums = weighted_sums(q, torch.cat((present, present * albedo), 1), True)
+    return sums[:, 1:] / sums[:, :1].clamp(min=1e-12) * present
 
 
 def lit(albedo: np.ndarray) -> np.ndarray:

@@ -21,6 +21,16 @@ static float4 mean5(float4 sum, float more, float none)
     return sum.x > 0.0f ? (float4)(sum.yzw * share + more, 0.0f) : (float4)(none);
 }
 
+/* Means of albedo or normal, the first source, by logits of a head, the second. */
+static float4 feature_mean(__global uchar *memory, __global const uchar *model,
+                           const lull_cl_filter *a, int x, int y, float more, float none)
+{
+    return mean5(sum5(memory, a->source[0], a->width, a->height,
+                      bytes_at(memory, a->source[1], x, y) + a->code,
+                      (__global const float *)model, x, y),
+                 more, none);
+}
+
 /* out: (1, filtered albedo), zeros outside the image; sources: (1, albedo), head. */
 KERNEL_OF_PIXELS prefilter(__global uchar *memory, __global const uchar *model, lull_cl_filter a)
 {
@@ -28,10 +38,7 @@ KERNEL_OF_PIXELS prefilter(__global uchar *memory, __global const uchar *model, 
     float4 v;
     if (!is_inside(memory, &a, x, y))
         return;
-    v = mean5(sum5(memory, a.source[0], a.width, a.height,
-                   bytes_at(memory, a.source[1], x, y) + a.code, (__global const float *)model, x,
-                   y),
-              0.0f, 1.0f);
+    v = feature_mean(memory, model, &a, x, y, 0.0f, 1.0f);
     *floats_at(memory, a.out, x, y) = (float4)(1.0f, v.x, v.y, v.z);
 }
 
@@ -43,10 +50,7 @@ KERNEL_OF_PIXELS smooth(__global uchar *memory, __global const uchar *model, lul
     if (x >= a.width || y >= a.height)
         return;
     if (a.flags & LULL_CL_ALBEDO)
-        v = mean5(sum5(memory, a.source[0], a.width, a.height,
-                       bytes_at(memory, a.source[1], x, y) + a.code, (__global const float *)model,
-                       x, y),
-                  LULL_FILTER_EPSILON, 1.0f);
+        v = feature_mean(memory, model, &a, x, y, LULL_FILTER_EPSILON, 1.0f);
     *floats_at(memory, a.out, x, y) = v;
 }
 
@@ -56,11 +60,7 @@ KERNEL_OF_PIXELS face(__global uchar *memory, __global const uchar *model, lull_
     int x = get_global_id(0), y = get_global_id(1);
     if (x >= a.width || y >= a.height)
         return;
-    *floats_at(memory, a.out, x, y) =
-        mean5(sum5(memory, a.source[0], a.width, a.height,
-                   bytes_at(memory, a.source[1], x, y) + a.code, (__global const float *)model, x,
-                   y),
-              0.0f, 0.0f);
+    *floats_at(memory, a.out, x, y) = feature_mean(memory, model, &a, x, y, 0.0f, 0.0f);
 }
 
 /* out: radiance with confidence, zeros outside the image; sources: radiance, filtered albedo,

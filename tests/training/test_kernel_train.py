@@ -5,7 +5,6 @@ import copy
 import json
 import os
 import re
-import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -14,11 +13,11 @@ import torch
 
 from export import export, kernel, quantize_kernel
 from export.tza import Reader, write_weights
+from tests.training.tools import core_and_infer, in_both
 from tests.training.test_train import Stop, compare_processes, losses, same, state
-from training import (color, evaluate, find_lr, infer, kernel_model, kernel_net, nets, preprocess,
+from training import (color, evaluate, find_lr, infer, nets, preprocess,
                       train, visualize)
 from training.data import Augment, Batches, from_raw
-from training.imageio import read_image
 from training.integer_stage import (calibration_pictures, kernel_input, quantize,
                                     spread_codes)
 from training.kernel_integer import IntegerKernel
@@ -51,14 +50,7 @@ def test_training_learns_and_is_exported(raw, work, capsys, build):
     assert all(t.dtype == np.float16 for t in Reader("results/k/k.tza").values())
     assert isinstance(kernel.load("k8.tza"), kernel.IntTrunk)
     # The integer model in the C core computes nearly the picture of the floating-point one.
-    program = build / "bin" / "oidnDenoise"
-    if not program.exists():
-        pytest.skip("optional: the programs are not built")
-    stem = raw / "valid/scene0/view0_0004spp"
-    subprocess.run([program, "-w", "k8.tza", "-o", "c.pfm", "--hdr", f"{stem}.hdr.exr", "--alb",
-                    f"{stem}.alb.exr", "--nrm", f"{stem}.nrm.exr"], check=True, capture_output=True)
-    ours = read_image(Path("infer/valid/scene0/view0_0004spp.k.hdr.exr"))
-    a, b = color.display(read_image("c.pfm")), color.display(ours)
+    a, b = (color.display(v) for v in core_and_infer(build, raw, "k8.tza"))
     assert np.abs(a - b).mean() < 0.01
 
 
@@ -207,33 +199,10 @@ def test_integer_net_is_the_integer_model():
                 [t.weight.tolist() for t in model.layers])
 
 
-def clear_of_steps(images: dict[str, np.ndarray]) -> None:
-    """Makes pixels grey whose input codes the reference's logarithm, a polynomial, rounds otherwise
-    than ours."""
-    tensors = [torch.from_numpy(v.transpose(2, 0, 1)[None].copy()) for v in images.values()]
-    ours = kernel_net.make_input(*tensors, False)[0].numpy().transpose(1, 2, 0) * 255
-    off = (np.rint(ours) != kernel.encode(*images.values(), False)).any(-1)
-    assert off.mean() < 0.02
-    images["color"][off], images["albedo"][off] = 0.5, 0.5
-
-
 @pytest.mark.parametrize("height, width", [(37, 45), (16, 33), (5, 3)])
 def test_any_size_equals_the_reference(height, width):
     """Padding to the trunk's multiples weighs nothing, as in the numpy reference."""
-    from export import pixels
-    model = kernel.load(GOLDEN / "weights.tza")
-    rng = np.random.default_rng(2)
-    images = {"color": rng.random((height, width, 3), np.float32),
-              "albedo": rng.random((height, width, 3), np.float32),
-              "normal": rng.random((height, width, 3), np.float32) * 2 - 1}
-    clear_of_steps(images)
-    want = kernel.run_frame(model, pixels.Frame(images, "hdr", 1.0))
-    features = ["hdr", "alb", "nrm"]
-    codes = np.concatenate([images["color"], images["albedo"], images["normal"] / 2 + 0.5], -1)
-    x = kernel_model.planes(codes, features)
-    net = IntegerKernel(model, "linear").eval()
-    with torch.no_grad():
-        got = net(torch.from_numpy(x.transpose(2, 0, 1).copy())[None])[0].numpy().transpose(1, 2, 0)
+    _, want, got = in_both(kernel.load(GOLDEN / "weights.tza"), height, width)
     assert np.abs(got - want).mean() < 2e-3 and np.median(np.abs(got - want)) < 1e-5
 
 

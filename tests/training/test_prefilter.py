@@ -11,11 +11,11 @@ import torch
 from export import export, kernel, pixels, quantize_kernel
 from export.dequantize import float_tensors
 from export.tza import Reader, Writer
-from tests.training.test_kernel_train import QUICK, RAW, clear_of_steps
+from tests.training.test_kernel_train import QUICK, RAW
 from tests.training.test_train import losses
-from training import infer, kernel_model, nets, prefilter, train
+from tests.training.tools import core_and_infer, in_both
+from training import infer, nets, prefilter, train
 from training.data import Augment, Batches, from_raw
-from training.imageio import read_image
 from training.kernel_integer import IntegerKernel
 from training.result import Result, load_model
 from training.scan import scan
@@ -53,14 +53,8 @@ def test_the_whole_way(raw, work, tiny, build):
     model = load_model(Result("results", "k"))[0]
     assert model.frozen and not any(k.startswith("pre_") for k in model.state_dict())
     infer.main(["-r", "k", "-D", str(raw), "-i", "valid"])
-    program = build / "bin" / "oidnDenoise"
-    if not program.exists():
-        pytest.skip("optional: the programs are not built")
-    stem = raw / "valid/scene0/view0_0004spp"
-    subprocess.run([program, "-w", "k.tza", "-o", "c.pfm", "--hdr", f"{stem}.hdr.exr", "--alb",
-                    f"{stem}.alb.exr", "--nrm", f"{stem}.nrm.exr"], check=True, capture_output=True)
-    ours = read_image(Path("infer/valid/scene0/view0_0004spp.k.hdr.exr"))
-    assert np.abs(read_image(Path("c.pfm")) - ours).mean() < 0.05 * ours.mean()
+    core, ours = core_and_infer(build, raw, "k.tza")
+    assert np.abs(core - ours).mean() < 0.05 * ours.mean()
 
 
 def test_a_joined_file_is_rounded_anew_with_its_prefilter(raw, work):
@@ -75,22 +69,12 @@ def test_a_joined_file_is_rounded_anew_with_its_prefilter(raw, work):
 @pytest.mark.parametrize("height, width", [(37, 45), (16, 33), (21, 19), (5, 3)])
 def test_integers_in_pytorch_equal_the_reference(height, width):
     model = kernel.load(GOLDEN)
-    rng = np.random.default_rng(2)
-    images = {"color": rng.random((height, width, 3), np.float32),
-              "albedo": rng.random((height, width, 3), np.float32),
-              "normal": rng.random((height, width, 3), np.float32) * 2 - 1}
-    clear_of_steps(images)
-    want = kernel.run_frame(model, pixels.Frame(images, "hdr", 1.0))
-    codes = np.concatenate([images["color"], images["albedo"], images["normal"] / 2 + 0.5], -1)
-    x = kernel_model.planes(codes, ["hdr", "alb", "nrm"])
-    net = IntegerKernel(model, "linear").eval()
-    with torch.no_grad():
-        got = net(torch.from_numpy(x.transpose(2, 0, 1).copy())[None])[0].numpy().transpose(1, 2, 0)
+    images, want, got = in_both(model, height, width)
     assert np.median(np.abs(got - want)) < 1e-3  # codes of the second input that round otherwise
+    assert IntegerKernel(model, "linear").integer_model().prefilter is not None
     model.prefilter = None
     other = kernel.run_frame(model, pixels.Frame(images, "hdr", 1.0))
     assert np.median(np.abs(other - want)) > 5e-3
-    assert net.integer_model().prefilter is not None
 
 
 @pytest.mark.parametrize("name, change", [

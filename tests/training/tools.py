@@ -1,12 +1,18 @@
-"""Small synthetic pictures and data sets."""
+"""Small synthetic pictures and data sets, and what several executors make of pictures."""
 
 from __future__ import annotations
 
+import subprocess
 from pathlib import Path
 
 import numpy as np
+import pytest
+import torch
 
-from training.imageio import write_image
+from export import kernel, pixels
+from training import kernel_model, kernel_net
+from training.imageio import read_image, write_image
+from training.kernel_integer import IntegerKernel
 
 SIZE = (48, 64)  # height, width of the pictures
 TINY = "unet:" + ",".join(["4"] * 15)  # a network that trains in no time
@@ -58,3 +64,41 @@ def make_raw(root: Path, groups: int = 5, spp: tuple[int, ...] = (1, 4), ref: st
         for n in spp:
             write_features(folder, f"view{g}_{n:04}spp", noisy(clean, n, g))
     return root
+
+
+def core_and_infer(build: Path, raw: Path, weights: str) -> tuple[np.ndarray, np.ndarray]:
+    """A picture of `valid` by weights in the C core, and what infer made of it by the result k."""
+    program = build / "bin" / "oidnDenoise"
+    if not program.exists():
+        pytest.skip("optional: the programs are not built")
+    stem = raw / "valid/scene0/view0_0004spp"
+    subprocess.run([program, "-w", weights, "-o", "c.pfm", "--hdr", f"{stem}.hdr.exr", "--alb",
+                    f"{stem}.alb.exr", "--nrm", f"{stem}.nrm.exr"], check=True, capture_output=True)
+    return (read_image(Path("c.pfm")),
+            read_image(Path("infer/valid/scene0/view0_0004spp.k.hdr.exr")))
+
+
+def clear_of_steps(images: dict[str, np.ndarray]) -> None:
+    """Makes pixels grey whose input codes the reference's logarithm, a polynomial, rounds otherwise
+    than ours."""
+    tensors = [torch.from_numpy(v.transpose(2, 0, 1)[None].copy()) for v in images.values()]
+    ours = kernel_net.make_input(*tensors, False)[0].numpy().transpose(1, 2, 0) * 255
+    off = (np.rint(ours) != kernel.encode(*images.values(), False)).any(-1)
+    assert off.mean() < 0.02
+    images["color"][off], images["albedo"][off] = 0.5, 0.5
+
+
+def in_both(model: kernel.IntTrunk, height: int, width: int) -> tuple[dict, np.ndarray, np.ndarray]:
+    """A picture's images, and what the numpy reference and PyTorch's integers make of it."""
+    rng = np.random.default_rng(2)
+    images = {"color": rng.random((height, width, 3), np.float32),
+              "albedo": rng.random((height, width, 3), np.float32),
+              "normal": rng.random((height, width, 3), np.float32) * 2 - 1}
+    clear_of_steps(images)
+    want = kernel.run_frame(model, pixels.Frame(images, "hdr", 1.0))
+    codes = np.concatenate([images["color"], images["albedo"], images["normal"] / 2 + 0.5], -1)
+    x = kernel_model.planes(codes, ["hdr", "alb", "nrm"])
+    net = IntegerKernel(model, "linear").eval()
+    with torch.no_grad():
+        got = net(torch.from_numpy(x.transpose(2, 0, 1).copy())[None])
+    return images, want, got[0].numpy().transpose(1, 2, 0)
