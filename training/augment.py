@@ -23,7 +23,8 @@ LINE_WIDTHS = (0.7, 5.0)    # pixels, of figures of lines
 DARKEST = 0.03              # least factor of a texture
 FINE_P = 0.35               # textures of waves that are finer than a pixel
 SHADOW_P = 0.25             # textures that multiply the radiance alone
-ALIASED_P = 0.5             # figures whose edges fall between pixels
+ALIASED_P = 0.1, 0.5        # figures whose edges fall between pixels: of few samples, which look
+ALIASED_SPP = 16            # alike on any edge, and of so many or more
 TINTED_P = 0.5              # noise of light found by chance whose hits have colours of their own
 ZOOMS = (1.5, 6.0)          # of enlarged tiles
 MINIFIED = 4                # most pixels across of the original in one of a minified tile
@@ -112,7 +113,7 @@ def waves(h: int, w: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndar
     return f, slope
 
 
-def figure(h: int, w: int, rng: np.random.Generator) -> np.ndarray:
+def figure(h: int, w: int, rng: np.random.Generator, spp: float = 1.0) -> np.ndarray:
     """Coverage in [0,1] of the pixels of a random figure, [h,w]: areas or lines, edges one pixel
     wide, or none, as where pixels are seen at their centres only."""
     f, slope = waves(h, w, rng)
@@ -121,7 +122,7 @@ def figure(h: int, w: int, rng: np.random.Generator) -> np.ndarray:
         distance = 0.5 * rng.uniform(*LINE_WIDTHS) - np.abs(f) / slope
     else:
         distance = (f - rng.normal(0, 0.7)) / slope
-    if rng.random() < ALIASED_P:
+    if rng.random() < ALIASED_P[spp >= ALIASED_SPP]:
         return (distance > 0).astype(np.float64)
     return np.clip(0.5 + distance, 0.0, 1.0)
 
@@ -148,7 +149,7 @@ def between(n: int, zoom: float, first: float, sharpness: float) -> tuple[np.nda
     at = first + (np.arange(n) + 0.5) / zoom - 0.5
     low = np.floor(at).astype(int)
     share = np.clip((at - low - 0.5) * sharpness + 0.5, 0.0, 1.0)
-    count = math.ceil(n / zoom) + 1
+    count = min(math.ceil(n / zoom) + 1, n)
     make = np.zeros((n, count), np.float32)
     rows = np.arange(n)
     np.add.at(make, (rows, np.clip(low, 0, count - 1)), 1 - share)

@@ -207,14 +207,14 @@ class Batches:
         count = round(factor ** (2 * rng.random() ** 2)) if factor > 1 else 1
         spp *= count
         on["defocus"] &= spp <= DEFOCUS_SPP
+        least = LEAST_NOISE[picture.target_spp >= CLEAN_SPP] ** rng.random() if blend else 1.0
         if factor > 1 or stops or average or blend or clip or any(on.values()):
             xr, yr = self.table.decode(xm), self.table.decode(ym)
             if average:
                 xr = np.average([self.table.decode(v[cut][..., :m]) for v in picture.inputs], 0,
                                 picture.weights).astype(np.float32)
             if blend:
-                least = LEAST_NOISE[picture.target_spp >= CLEAN_SPP]
-                xr = yr + np.float32(least ** rng.random()) * (xr - yr)
+                xr = yr + np.float32(least) * (xr - yr)
             if factor > 1:
                 xr, aux, yr = minified(xr, aux, yr, factor, count, clean, rng)
             if on["zoom"]:
@@ -222,7 +222,7 @@ class Batches:
             if on["hits"]:
                 xr = hits_by_chance(yr, rng)
             if on["collage"]:
-                xr, aux, yr = self.collage(xr, aux, yr, spp, clean, rng)
+                xr, aux, yr = self.collage(xr, aux, yr, spp, clean, least, rng)
             if on["texture"]:
                 xr, aux, yr = self.textured(xr, aux, yr, spp, rng)
             if on["defocus"]:
@@ -240,11 +240,11 @@ class Batches:
         x = np.concatenate([xm, aux], -1).astype(np.float32)
         return x, ym.astype(np.float32), clip
 
-    def collage(self, x, aux, y, spp: float, clean: bool, rng):
+    def collage(self, x, aux, y, spp: float, clean: bool, noise: float, rng):
         """Radiance, features and target, [h,w,C], with another picture seen through a figure.
 
-        In the input the samples of a pixel on the edge fall to either side at random.
-        """
+        In the input the samples of a pixel on the edge fall to either side at random. noise: share
+        of its own that x still has."""
         h, w, m = *y.shape[:2], self.main_channels
         i, k = self.pairs[int(rng.integers(len(self.pairs)))]
         other = self.pictures[i]
@@ -252,7 +252,7 @@ class Batches:
         codes, target = other.inputs[k][cut], other.target[cut]
         features = target if clean and target.shape[-1] > m else codes
         gain = np.float32(2.0 ** (rng.uniform(-3, 3) if self.family != "P" else 0.0))
-        share = figure(h, w, rng)
+        share = figure(h, w, rng, spp / noise**2)
         edge = (share > 0) & (share < 1)
         drawn = share.copy()
         count = max(1, round(min(spp, other.weights[k])))

@@ -51,6 +51,22 @@ def test_figures_have_edges_of_a_pixel():
     assert 0.3 < np.median(widths) < 1.5
 
 
+def test_aliased_figures_are_of_many_samples():
+    """At few, single samples on an antialiased edge look like an aliased one."""
+    few, many = (np.mean([not ((c > 0) & (c < 1)).any() for c in (
+        figure(64, 64, np.random.default_rng(seed), spp) for seed in range(200))])
+        for spp in (1.0, 64.0))
+    assert few < 0.25 and 0.4 < many < 0.7
+
+
+@pytest.mark.parametrize("height", [1, 2, 5])
+def test_tiles_of_a_few_rows_can_be_zoomed(height):
+    x = np.ones((height, 16, 3), np.float32)
+    for seed in range(20):
+        a, b, c = zoomed(x, x, x, np.random.default_rng(seed))
+        assert a.shape == b.shape == c.shape == x.shape and np.allclose(c, 1)
+
+
 def test_textures_are_factors():
     fine = 0
     for seed in range(60):
