@@ -23,8 +23,8 @@ LINE_WIDTHS = (0.7, 5.0)    # pixels, of figures of lines
 DARKEST = 0.03              # least factor of a texture
 FINE_P = 0.35               # textures of waves that are finer than a pixel
 SHADOW_P = 0.25             # textures that multiply the radiance alone
-ALIASED_P = 0.1, 0.5        # figures whose edges fall between pixels: of few samples, which look
-ALIASED_SPP = 16            # alike on any edge, and of so many or more
+ALIASED_SPP = 16            # samples that tell an aliased edge from noise
+ALIASED_P = 0.1, 0.5        # figures whose edges fall between pixels: of fewer samples, of more
 TINTED_P = 0.5              # noise of light found by chance whose hits have colours of their own
 ZOOMS = (1.5, 6.0)          # of enlarged tiles
 MINIFIED = 4                # most pixels across of the original in one of a minified tile
@@ -115,7 +115,7 @@ def waves(h: int, w: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndar
 
 def figure(h: int, w: int, rng: np.random.Generator, spp: float = 1.0) -> np.ndarray:
     """Coverage in [0,1] of the pixels of a random figure, [h,w]: areas or lines, edges one pixel
-    wide, or none, as where pixels are seen at their centres only."""
+    wide, or none, as where pixels are seen at their centres only. spp: samples of the input."""
     f, slope = waves(h, w, rng)
     slope = np.maximum(slope, 1e-3)
     if rng.random() < 0.4:  # within half a width of the curve f = 0

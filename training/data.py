@@ -207,14 +207,14 @@ class Batches:
         count = round(factor ** (2 * rng.random() ** 2)) if factor > 1 else 1
         spp *= count
         on["defocus"] &= spp <= DEFOCUS_SPP
-        least = LEAST_NOISE[picture.target_spp >= CLEAN_SPP] ** rng.random() if blend else 1.0
+        noise = LEAST_NOISE[picture.target_spp >= CLEAN_SPP] ** rng.random() if blend else 1.0
         if factor > 1 or stops or average or blend or clip or any(on.values()):
             xr, yr = self.table.decode(xm), self.table.decode(ym)
             if average:
                 xr = np.average([self.table.decode(v[cut][..., :m]) for v in picture.inputs], 0,
                                 picture.weights).astype(np.float32)
             if blend:
-                xr = yr + np.float32(least) * (xr - yr)
+                xr = yr + np.float32(noise) * (xr - yr)
             if factor > 1:
                 xr, aux, yr = minified(xr, aux, yr, factor, count, clean, rng)
             if on["zoom"]:
@@ -222,7 +222,7 @@ class Batches:
             if on["hits"]:
                 xr = hits_by_chance(yr, rng)
             if on["collage"]:
-                xr, aux, yr = self.collage(xr, aux, yr, spp, clean, least, rng)
+                xr, aux, yr = self.collage(xr, aux, yr, spp, clean, noise, rng)
             if on["texture"]:
                 xr, aux, yr = self.textured(xr, aux, yr, spp, rng)
             if on["defocus"]:
