@@ -149,6 +149,18 @@ unsigned lull_cpu_adds_beside(void)
 #endif
 }
 
+unsigned lull_cpu_halves_pay(void)
+{
+#if LULL_ARCH_X86 && defined(__GNUC__)
+    enum { ZEN_3_AND_4 = 0x19 }; /* of these only Zen 4 has vectors of 512 bits */
+    uint32_t a = 0, b = 0, c = 0, d = 0;
+    return lull_cpu_adds_beside() && __get_cpuid(1, &a, &b, &c, &d) &&
+           (a >> 8 & 15) + (a >> 20 & 255) == ZEN_3_AND_4;
+#else
+    return 0;
+#endif
+}
+
 void lull_cpu_request(void)
 {
 #if LULL_ARCH_X86 && defined(__GNUC__) && defined(__linux__) && defined(__x86_64__)

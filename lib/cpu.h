@@ -15,6 +15,10 @@ uint32_t lull_cpu_ports(void);
  * also beside VNNI. Has no influence on results. */
 unsigned lull_cpu_adds_beside(void);
 
+/* 1: vectors of 256 bits take half the time of those of 512 bits, which the CPU does in two passes
+ * (Zen 4). Has no influence on results. */
+unsigned lull_cpu_halves_pay(void);
+
 /* lull_ports_request. */
 void lull_cpu_request(void);
 

@@ -45,6 +45,7 @@ void lull_kernels_fill(lull_kernels *kernels, uint32_t ports)
 {
     memset(kernels, 0, sizeof *kernels);
     kernels->adds_beside = lull_cpu_adds_beside();
+    kernels->halves_pay = lull_cpu_halves_pay();
     ports = (ports & lull_cpu_ports()) | LULL_PORTS_SCALAR;
     for (unsigned i = 0; i < PORT_COUNT; i++)
         if (ports >> i & 1)

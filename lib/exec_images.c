@@ -421,7 +421,7 @@ static int store_modulated(const lull_task *t, const lull_run_shares *shares, fl
 {
     const lull_plan *plan = t->plan;
     const lull_graph *graph = &plan->model->graph;
-    unsigned smooth = lull_graph_find(graph, LULL_OP_SMOOTH, 0);
+    unsigned smooth = lull_graph_find(graph, LULL_OP_SMOOTH);
     float *to = lull_image_floats(&t->images->output, plan->frame.width, x, y - t->base_row);
     float unscale = unscale_of(plan);
     int is_direct = to && lull_exec_content(&plan->frame).is_hdr;

@@ -17,7 +17,7 @@ static void add_rows(float *sums, const lull_task *t, unsigned x, unsigned end, 
 {
     const lull_plan *plan = t->plan;
     unsigned tensor = plan->model->graph.layer[t->layer].source[0];
-    unsigned smooth = lull_graph_find(&plan->model->graph, LULL_OP_SMOOTH, 0);
+    unsigned smooth = lull_graph_find(&plan->model->graph, LULL_OP_SMOOTH);
     unsigned bottom = lull_min_u(y + LULL_CELL, plan->frame.height);
     lull_encoding from = {0};
     lull_balance b;

@@ -91,18 +91,14 @@ static uint8_t tensor_called(const lull_graph *graph, const char *name)
     return LULL_TENSOR_NONE;
 }
 
-/* As lull_graph_find, among the layers from number `first` on. */
+/* Tensor made by the layer of this op and level among those from number `first` on;
+ * LULL_TENSOR_NONE if there is none. */
 static unsigned find_from(const lull_graph *graph, unsigned first, lull_op op, unsigned level)
 {
     for (unsigned i = first; i < graph->layers; i++)
         if (graph->layer[i].op == op && graph->layer[i].level == level)
             return i + 1;
     return LULL_TENSOR_NONE;
-}
-
-unsigned lull_graph_find(const lull_graph *graph, lull_op op, unsigned level)
-{
-    return find_from(graph, 0, op, level);
 }
 
 unsigned lull_graph_channels(const lull_graph *graph, unsigned tensor)
@@ -142,12 +138,6 @@ lull_dtype lull_graph_dtype(const lull_graph *graph, unsigned tensor)
                    ? LULL_DTYPE_U8
                    : LULL_DTYPE_F32;
     return lull_graph_max(graph, tensor) > 255 ? LULL_DTYPE_U15 : LULL_DTYPE_U8;
-}
-
-size_t lull_dtype_bytes(lull_dtype dtype)
-{
-    static const uint8_t bytes[] = {4, 1, 2};
-    return bytes[dtype];
 }
 
 unsigned lull_layer_inputs(const lull_graph *graph, const lull_layer *layer, unsigned index)
@@ -546,6 +536,8 @@ lull_status lull_graph_build(lull_graph *graph, const lull_tza *tza)
         status = read_maxima(graph, tza);
     if (status != LULL_OK)
         return status;
+    for (unsigned op = 0; op < LULL_OPS; op++)
+        graph->made_by[op] = (uint8_t)find_from(graph, 0, (lull_op)op, 0);
     choose_forms(graph);
     graph->overlap = reach(graph, 0);
     graph->margin = reach(graph, 1);

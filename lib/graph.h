@@ -28,7 +28,10 @@
 
 /* Elements of a tensor: fp32, or integer codes in 8 bits (narrow) or in 15 of 16 bits (wide). */
 typedef enum lull_dtype { LULL_DTYPE_F32, LULL_DTYPE_U8, LULL_DTYPE_U15 } lull_dtype;
-size_t lull_dtype_bytes(lull_dtype dtype);
+LULL_INLINE size_t lull_dtype_bytes(lull_dtype dtype)
+{
+    return dtype == LULL_DTYPE_F32 ? 4u : dtype == LULL_DTYPE_U8 ? 1u : 2u;
+}
 
 typedef enum lull_family { LULL_FAMILY_U, LULL_FAMILY_K, LULL_FAMILY_P } lull_family;
 
@@ -56,7 +59,8 @@ typedef enum lull_op {
     LULL_OP_CORRECT,   /* result, sums: result */
     LULL_OP_PICK,      /* input: those of its channels that the prefilter sees */
     LULL_OP_PREFILTER, /* albedo, head: (1,r,g,b) of the filtered albedo, as the albedo's tensor */
-    LULL_OP_ENCODE     /* input, radiance, prefiltered albedo: the network's input with that */
+    LULL_OP_ENCODE,    /* input, radiance, prefiltered albedo: the network's input with that */
+    LULL_OPS
 } lull_op;
 
 /* Rows of a source that row y of a layer sees. */
@@ -105,6 +109,7 @@ typedef struct lull_graph {
     unsigned overlap; /* pixels beside a strip that the output depends on, and ... */
     unsigned margin;  /* ... that make it equal to the bit; both multiples of 1 << levels */
     lull_layer layer[LULL_MAX_LAYERS];
+    uint8_t made_by[LULL_OPS]; /* lull_graph_find */
 } lull_graph;
 
 /* The tensors of one layer in a weights file; rank 0 where there is none. In floating-point files
@@ -169,8 +174,11 @@ unsigned lull_layer_inputs(const lull_graph *graph, const lull_layer *layer, uns
 /* Channels of all sources of a convolution. */
 unsigned lull_layer_all_inputs(const lull_graph *graph, const lull_layer *layer);
 
-/* Tensor made by the layer of this op and level; LULL_TENSOR_NONE if there is none. */
-unsigned lull_graph_find(const lull_graph *graph, lull_op op, unsigned level);
+/* Tensor made by the first layer of this op at level 0; LULL_TENSOR_NONE if there is none. */
+LULL_INLINE unsigned lull_graph_find(const lull_graph *graph, lull_op op)
+{
+    return graph->made_by[op];
+}
 
 uint64_t lull_graph_macs_per_pixel(const lull_graph *graph);
 

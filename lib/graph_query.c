@@ -22,7 +22,7 @@ int lull_graph_has_noise(const lull_graph *graph, unsigned tensor)
         return 0;
     layer = &graph->layer[tensor - 1];
     if (layer->op == LULL_OP_FILTER)
-        return !layer->level && lull_graph_find(graph, LULL_OP_BILATERAL, 0) != LULL_TENSOR_NONE;
+        return !layer->level && lull_graph_find(graph, LULL_OP_BILATERAL) != LULL_TENSOR_NONE;
     return layer->op == LULL_OP_REGRESS ||
            (layer->op == LULL_OP_BILATERAL && tensor < graph->layers);
 }

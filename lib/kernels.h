@@ -171,6 +171,8 @@ typedef struct lull_kernels {
     unsigned block_f32; /* output channels a weight block holds, fp32 */
     unsigned block_int;
     unsigned adds_beside; /* lull_cpu_adds_beside, for those who fill the table */
+    unsigned halves_pay;  /* lull_cpu_halves_pay, likewise */
+    unsigned has_halves;  /* 1: half a weight block costs conv_int half of a whole one */
     unsigned splits_wide; /* 1: conv_int multiplies the bytes of wide elements by themselves */
     unsigned patches_u;   /* LULL_PATCHES_... of networks of family U */
     unsigned patches_k;   /* ... and of family K, whose layers have fewer channels */

@@ -297,13 +297,13 @@ int lull_pack_is_int3(const lull_graph *graph, const lull_kernels *kernels, unsi
     return graph->is_integer && graph->layer[l].outputs == 3 && !kernels->splits_wide;
 }
 
-/* 1 if layer l is made in pairs of pixels: two of them fit a weight block, rows have an even number
- * of them, and pairs of narrow weights stay together. */
+/* 1 if layer l is made in pairs of pixels: two of them fit a weight block (half a one would not be
+ * cheaper), rows have an even number of them, and pairs of narrow weights stay together. */
 static int has_pairs(const lull_graph *graph, const lull_kernels *kernels, unsigned l)
 {
     const lull_layer *layer = &graph->layer[l];
     if (!graph->is_integer || layer->op != LULL_OP_CONV || layer->level >= graph->levels ||
-        2 * layer->outputs > kernels->block_int || kernels->splits_wide ||
+        2 * layer->outputs > kernels->block_int || kernels->has_halves || kernels->splits_wide ||
         lull_pack_is_int3(graph, kernels, l))
         return 0;
     for (unsigned s = 0; s < LULL_MAX_SOURCES; s++)

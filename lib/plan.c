@@ -348,7 +348,7 @@ static unsigned first_step(const lull_plan *plan)
     if (plan->threads > FEW_THREADS)
         return MANY_STEP;
     return graph->family == LULL_FAMILY_K && plan->model->kernels.patches_k != LULL_PATCHES_NONE &&
-                   lull_graph_find(graph, LULL_OP_CORRECT, 0) == LULL_TENSOR_NONE
+                   lull_graph_find(graph, LULL_OP_CORRECT) == LULL_TENSOR_NONE
                ? SMALL_STEP
                : FEW_STEP;
 }

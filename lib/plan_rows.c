@@ -52,10 +52,10 @@ int lull_plan_has(const lull_plan *plan, unsigned tensor)
     if (tensor == LULL_TENSOR_ALBEDO)
         return !(~plan->frame.features & 3u);
     if (tensor == LULL_TENSOR_GUIDE)
-        return lull_graph_find(graph, LULL_OP_BILATERAL, 0) != LULL_TENSOR_NONE;
+        return lull_graph_find(graph, LULL_OP_BILATERAL) != LULL_TENSOR_NONE;
     if (tensor == LULL_TENSOR_NORMAL) /* not as the main image */
         return plan->frame.features & 4u && plan->frame.features & 3u &&
-               lull_graph_find(graph, LULL_OP_FACE, 0) != LULL_TENSOR_NONE;
+               lull_graph_find(graph, LULL_OP_FACE) != LULL_TENSOR_NONE;
     return (int)plan->keeps_rows;
 }
 
@@ -158,7 +158,7 @@ unsigned lull_plan_alive(const lull_plan *plan, unsigned tensor)
                                     rows_needed((lull_reads)layer->reads[s],
                                                 lull_plan_done(plan, l + 1) << layer->pool));
     }
-    if (tensor == graph->layers || tensor == lull_graph_find(graph, LULL_OP_SMOOTH, 0) ||
+    if (tensor == graph->layers || tensor == lull_graph_find(graph, LULL_OP_SMOOTH) ||
         tensor == lull_graph_mixed_by(graph) ||
         (tensor == LULL_TENSOR_RADIANCE && lull_graph_mixed_by(graph) != LULL_TENSOR_NONE))
         needed = lull_min_u(needed, plan->stored); /* what the output is made of */

@@ -272,7 +272,7 @@ static void filter_sources(uint8_t sources[LULL_CL_SOURCES], const lull_cl_sched
         (layer->op == LULL_OP_FILTER && lull_graph_has_noise(s->graph, l + 1)))
         sources[2] = LULL_CL_NOISE_CODES;
     if (layer->op == LULL_OP_RESIDUAL) {
-        sources[2] = (uint8_t)lull_graph_find(s->graph, LULL_OP_SMOOTH, 0);
+        sources[2] = (uint8_t)lull_graph_find(s->graph, LULL_OP_SMOOTH);
         sources[3] = LULL_CL_NOISE_CODES;
     }
     if (layer->op == LULL_OP_CORRECT)
@@ -360,9 +360,9 @@ static void add_inputs(lull_cl_schedule *s)
     cover_border(add_filter(s, LULL_CL_encode, LULL_TENSOR_INPUT, 0, all));
     if (s->flags & LULL_CL_ALBEDO)
         add_filter(s, LULL_CL_spread, LULL_TENSOR_ALBEDO, 0, aux);
-    if (s->flags & LULL_CL_NORMAL && lull_graph_find(s->graph, LULL_OP_FACE, 0) != CL_NONE)
+    if (s->flags & LULL_CL_NORMAL && lull_graph_find(s->graph, LULL_OP_FACE) != CL_NONE)
         add_filter(s, LULL_CL_spread_normal, LULL_TENSOR_NORMAL, 0, facing);
-    if (lull_graph_find(s->graph, LULL_OP_BILATERAL, 0) != CL_NONE)
+    if (lull_graph_find(s->graph, LULL_OP_BILATERAL) != CL_NONE)
         add_filter(s, LULL_CL_guide, LULL_TENSOR_GUIDE, 0, aux);
 }
 
@@ -374,7 +374,7 @@ static void add_output(lull_cl_schedule *s)
                                             CL_NONE};
     const uint8_t sources[LULL_CL_SOURCES] = {
         stand_in(s, (uint8_t)s->graph->layers),
-        (uint8_t)lull_graph_find(s->graph, LULL_OP_SMOOTH, 0), mixes ? LULL_CL_SHARES : CL_NONE,
+        (uint8_t)lull_graph_find(s->graph, LULL_OP_SMOOTH), mixes ? LULL_CL_SHARES : CL_NONE,
         mixes ? LULL_TENSOR_RADIANCE : CL_NONE, mixes ? LULL_CL_NOISE_CODES : CL_NONE};
     lull_cl_step *step;
 

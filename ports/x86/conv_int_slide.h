@@ -17,14 +17,14 @@
     start += start_step;
 /* The taps of a column: the one that pixel i begins with, and the next ones of those before. */
 #define FIRST(i)                 \
-    DOT_NARROW(a##i, value, v0); \
-    B(DOT_NARROW(b##i, value, v1);)
+    DOT_VECTOR(1, a##i, value, v0); \
+    B(DOT_VECTOR(2, b##i, value, v1);)
 #define SECOND(i)                \
-    DOT_NARROW(a##i, value, w0); \
-    B(DOT_NARROW(b##i, value, w1);)
+    DOT_VECTOR(1, a##i, value, w0); \
+    B(DOT_VECTOR(2, b##i, value, w1);)
 #define THIRD(i)                 \
-    DOT_NARROW(a##i, value, u0); \
-    B(DOT_NARROW(b##i, value, u1);)
+    DOT_VECTOR(1, a##i, value, u0); \
+    B(DOT_VECTOR(2, b##i, value, u1);)
 #define NONE(i)
 #define COLUMN(base, offset, ...)     \
     value = splat((base) + (offset)); \

@@ -14,6 +14,10 @@
  *                                        requantises and stores pixels i and j = i + 1 of the tile:
  *                                        the sums of i, then those of j; i = j: one pixel.
  *                                        how: BYTES and SMALL of tiles.h
+ *   IS_HALF                              optional: no more than half of the last vector's outputs
+ *                                        exist, no segment is wide and outputs are bytes; and
+ *   DOT_HALF(sum, x, w)                  DOT_NARROW of the first half of the lanes, the others may
+ *                                        become anything
  *   IS_SMALL                             1: the tile is for small sums (lull_conv)
  *   IS_WORDS                             1: for sums of runs that fit words, and
  *   DOT_WORDS(sum, x, w)                 sum += 2 products of u8 x and s8 w in every 16 bits
@@ -25,6 +29,11 @@
 #include "pixels.h"
 #include "vectors.h"
 
+#if defined(IS_HALF)
+#define ALL_BYTES 1
+#else
+#define ALL_BYTES 0
+#endif
 #define DECLARE(i, base, offset) vec a##i B(, b##i) C(, c##i) D(, d##i);
 #define START(i, base, offset)         \
     a##i = load(start);                \
@@ -34,15 +43,17 @@
     start += start_step;
 #define PRODUCTS(DOT, sums, base, offset, i) \
     value = splat((base) + (offset));        \
-    DOT(sums##a##i, value, v0);              \
-    B(DOT(sums##b##i, value, v1);)           \
-    C(DOT(sums##c##i, value, v2);)           \
-    D(DOT(sums##d##i, value, v3);)
-#define NARROW(i, base, offset) PRODUCTS(DOT_NARROW, , base, offset, i)
-#define WIDE(i, base, offset) PRODUCTS(DOT_WIDE, , base, offset, i)
+    DOT(1, sums##a##i, value, v0);           \
+    B(DOT(2, sums##b##i, value, v1);)        \
+    C(DOT(3, sums##c##i, value, v2);)        \
+    D(DOT(4, sums##d##i, value, v3);)
+#define WHOLE_WIDE(n, sum, x, w) DOT_WIDE(sum, x, w)
+#define WHOLE_WORDS(n, sum, x, w) DOT_WORDS(sum, x, w)
+#define NARROW(i, base, offset) PRODUCTS(DOT_VECTOR, , base, offset, i)
+#define WIDE(i, base, offset) PRODUCTS(WHOLE_WIDE, , base, offset, i)
 #define RUN(i, base, offset)                            \
     vec run_a##i = zero() B(, run_b##i = zero()) C(, run_c##i = zero()) D(, run_d##i = zero());
-#define WORDS(i, base, offset) PRODUCTS(DOT_WORDS, run_, base, offset, i)
+#define WORDS(i, base, offset) PRODUCTS(WHOLE_WORDS, run_, base, offset, i)
 #define WIDEN(i, base, offset)                 \
     a##i = add(a##i, widened(run_a##i));       \
     B(b##i = add(b##i, widened(run_b##i));)    \
@@ -85,7 +96,7 @@ static void TILE(const tile_row *row)
 {
     static const int32_t zeros[4 * LANES] = {0};
     const lull_conv *conv = row->conv;
-    unsigned wide = IS_WORDS ? 0 : conv->wide;
+    unsigned wide = IS_WORDS || ALL_BYTES ? 0 : conv->wide;
     unsigned count = wide ? conv->wide_shift : 0; /* 0: the bias may come first */
     const struct tile_part *end = row->part + conv->segments, *narrow = row->part + wide;
     finish f;
@@ -115,7 +126,7 @@ static void TILE(const tile_row *row)
 #endif
         }
         finish_tile(&f, row, p);
-        if (f.size == 1) {
+        if (ALL_BYTES || f.size == 1) {
             STORE_ALL(BYTES | IS_SMALL * SMALL, STORE_BYTES)
         } else {
             STORE_ALL(IS_SMALL * SMALL, STORE_WORDS)
@@ -124,9 +135,12 @@ static void TILE(const tile_row *row)
     }
 }
 
+#undef ALL_BYTES
 #undef DECLARE
 #undef START
 #undef PRODUCTS
+#undef WHOLE_WIDE
+#undef WHOLE_WORDS
 #undef NARROW
 #undef RUN
 #undef WORDS

@@ -4,7 +4,8 @@
 void lull_port_vnni(lull_kernels *kernels)
 {
     kernels->block_int = 16;
-    kernels->conv_int = lull_conv_int_vnni;
+    kernels->has_halves = kernels->halves_pay;
+    kernels->conv_int = kernels->has_halves ? lull_conv_int_vnni_halves : lull_conv_int_vnni;
     kernels->conv_int3 = lull_conv_int3_vnni;
     kernels->patches_u = kernels->adds_beside ? LULL_PATCHES_OWN : LULL_PATCHES_WIDE;
     kernels->patches_k = LULL_PATCHES_NONE;

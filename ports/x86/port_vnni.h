@@ -9,6 +9,7 @@
 #endif
 
 void lull_conv_int_vnni(const lull_conv *conv);
+void lull_conv_int_vnni_halves(const lull_conv *conv);
 void lull_conv_int3_vnni(const lull_conv *conv);
 void lull_points_int_vnni(const lull_conv *conv);
 

@@ -20,7 +20,8 @@
 #include TEMPLATE
 #endif
 
-static const tile_shape SHAPES[] = {{SHAPE(2), 2, TILE_2}, {SHAPE(1), 1, TILE_1}, {pixel_1, 1, 1}};
+static const tile_shape SHAPES[] = {
+    {SHAPE(2), 2, TILE_2, 0}, {SHAPE(1), 1, TILE_1, 0}, {pixel_1, 1, 1, 0}};
 
 #undef TEMPLATE
 #undef SHAPES

@@ -1,7 +1,7 @@
 /* The shapes of tiles of 512-bit vectors: 24 sums, or 12 of one vector. Included once for each
- * list, with TEMPLATE (the file of a tile's function), SHAPES (the list's name) and SHAPE(vectors)
- * (those of its functions) defined; they are undefined at the end. Lists end with pixel_1, which
- * the first of a file makes. */
+ * list, with TEMPLATE (the file of a tile's function), SHAPES (the list's name; without it none is
+ * made) and SHAPE(vectors) (those of its functions) defined; they are undefined at the end. Lists
+ * end with pixel_1, which the first of a file makes. */
 
 #define TILE SHAPE(4)
 #define VECTORS 4
@@ -31,8 +31,13 @@
 #include TEMPLATE
 #endif
 
-static const tile_shape SHAPES[] = {
-    {SHAPE(4), 4, 6}, {SHAPE(3), 3, 8}, {SHAPE(2), 2, 12}, {SHAPE(1), 1, 12}, {pixel_1, 1, 1}};
+#if defined(SHAPES)
+static const tile_shape SHAPES[] = {{SHAPE(4), 4, 6, 0},
+                                    {SHAPE(3), 3, 8, 0},
+                                    {SHAPE(2), 2, 12, 0},
+                                    {SHAPE(1), 1, 12, 0},
+                                    {pixel_1, 1, 1, 0}};
+#endif
 
 #undef TEMPLATE
 #undef SHAPES

@@ -28,6 +28,7 @@ typedef struct tile_row {
 typedef struct tile_shape {
     void (*run)(const tile_row *row);
     unsigned vectors, pixels; /* of a tile */
+    unsigned is_half;         /* 1: no more than half of the last vector's lanes are outputs */
 } tile_shape;
 
 /* What the runs of pixels that follow each other share: columns (dwords of one source pixel). */
@@ -53,8 +54,8 @@ LULL_INLINE unsigned tile_share(const lull_segment *segment, size_t step)
 
 /* Runs the whole convolution. The shapes are listed with decreasing numbers of vectors and end
  * with one of one vector and one pixel. For the outputs that are left, takes the first shape
- * whose vectors and pixels are not more than needed. Elements of rows have 4 bytes, or, if
- * is_integer, 2 in the wide segments and 1 in the others. */
+ * whose vectors and pixels are not more than needed, nor, of halves, too few. Elements of rows have
+ * 4 bytes, or, if is_integer, 2 in the wide segments and 1 in the others. */
 LULL_INLINE void run_tiles(const lull_conv *conv, const tile_shape *shapes, unsigned lanes,
                            int is_integer)
 {
@@ -65,7 +66,8 @@ LULL_INLINE void run_tiles(const lull_conv *conv, const tile_shape *shapes, unsi
         unsigned left = conv->outputs - row.first;
         const tile_shape *shape = shapes;
         while (shape->vectors * shape->pixels > 1 &&
-               ((shape->vectors - 1) * lanes >= left || shape->pixels > conv->pixels))
+               ((shape->vectors - 1) * lanes >= left || shape->pixels > conv->pixels ||
+                (shape->is_half && shape->vectors * lanes - lanes / 2 < left)))
             shape++;
         row.n = lull_min_u(left, shape->vectors * lanes);
         row.bias = (const int32_t *)conv->bias + row.first;

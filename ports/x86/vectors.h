@@ -16,5 +16,17 @@
 #else
 #define D(...)
 #endif
+/* The products of a tile's n-th vector, of bytes. */
+#if defined(IS_HALF)
+#define DOT_VECTOR(n, sum, x, w)     \
+    do {                             \
+        if ((n) == VECTORS)          \
+            DOT_HALF(sum, x, w);     \
+        else                         \
+            DOT_NARROW(sum, x, w);   \
+    } while (0)
+#else
+#define DOT_VECTOR(n, sum, x, w) DOT_NARROW(sum, x, w)
+#endif
 #define FOR_PIXELS PIXELS_PASTE(PIXELS_, PIXELS)
 #define FOR_PAIRS PIXELS_PASTE(PAIRS_, PIXELS)

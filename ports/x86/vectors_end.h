@@ -1,6 +1,7 @@
 #undef B
 #undef C
 #undef D
+#undef DOT_VECTOR
 #undef FOR_PIXELS
 #undef FOR_PAIRS
 #undef TILE

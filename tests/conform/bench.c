@@ -560,11 +560,12 @@ int bench_main(const char *port)
     uint32_t available = lull_cpu_ports();
     unsigned done = 0;
     for (unsigned i = 0; i < sizeof ports / sizeof ports[0]; i++) {
-        lull_kernels scalar, kernels;
+        lull_kernels scalar = {0}, kernels;
         if (!(available >> i & 1) || (port && strcmp(port, ports[i].name) != 0))
             continue;
         lull_port_scalar(&scalar);
         kernels = scalar;
+        kernels.halves_pay = lull_cpu_halves_pay();
         ports[i].fill(&kernels);
         if (i == 0 || kernels.conv_f32 != scalar.conv_f32)
             bench_conv(ports[i].name, &kernels, 0), done++;

@@ -16,8 +16,9 @@ typedef struct conform_slot {
 extern const conform_slot conform_slots[];
 extern const unsigned conform_slot_count;
 
-/* Tests all slots that `fill` sets beyond those of the scalar port; fails if there is none.
- * Prints a line for each slot and pattern. */
+/* Tests all slots that `fill` sets beyond those of the scalar port, whether or not halves of
+ * vectors pay (lull_cpu_halves_pay); fails if there is none. Prints a line for each slot and
+ * pattern. */
 void conform_port(const char *name, void (*fill)(lull_kernels *));
 
 /* One row of the table in docs/ports.md: the port, its slots, where and when it ran, that machine's

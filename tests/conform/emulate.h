@@ -69,6 +69,7 @@
 #define lull_conv_int_avxvnni emulated_conv_int_avxvnni
 #define lull_conv_int3_avxvnni emulated_conv_int3_avxvnni
 #define lull_conv_int_vnni emulated_conv_int_vnni
+#define lull_conv_int_vnni_halves emulated_conv_int_vnni_halves
 #define lull_conv_int3_vnni emulated_conv_int3_vnni
 #define lull_port_amx emulated_port_amx
 #define lull_conv_int_amx emulated_conv_int_amx
