@@ -75,6 +75,7 @@ def pictures(seed: int) -> dict[str, np.ndarray]:
     color[3, 4], color[20, 9], color[11, 30] = np.nan, np.inf, -1
     color[30, 40] = 1e7
     albedo = rng.random((HEIGHT, WIDTH, 3), np.float32) * np.float32(1.1)
+    albedo[24:31, 15:28] = albedo[31:35, 15:] = 0.3, 0.5, 0.4  # and here light is steady
     albedo[:5, 40:43], albedo[7, 3:5], albedo[8, 3:7, 1:] = 0, (-1, np.nan, 1e-39), 0
     return {"color": color,
             "albedo": albedo,

@@ -17,7 +17,7 @@ from export.graph import ALIGN, NETS_DEF, Layer, ModelError, Net, read_nets
 from export.reference import NARROW_MAX, FloatModel, IntLayer, IntModel, _tensor, check_layer
 from export.regression import features_of, regressed
 from export.smooth import (EPS, SHARE_PER_CODE, SHARE_PER_CODE_ALONE, corrected, guide_of, mixed,
-                           noise_codes, shares, smoothed, to_code)
+                           noise_codes, shares, smoothed, to_code, unsteady)
 from export.tza import Reader
 
 F = np.float32
@@ -255,7 +255,7 @@ def padded(codes: np.ndarray) -> np.ndarray:
 def prefiltered(prefilter: IntTrunk, codes: np.ndarray, albedo: np.ndarray) -> np.ndarray:
     """The albedo [H,W,3] as a prefilter leaves it; codes: of encode."""
     head = prefilter.maps(padded(codes[..., PICKED]))[prefilter.net.heads[0]]
-    return feature_means(head, albedo, 0)
+    return albedo + unsteady(codes) * (feature_means(head, albedo, 0) - albedo)
 
 
 def seen_albedo(albedo: np.ndarray) -> np.ndarray:

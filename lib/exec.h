@@ -103,7 +103,11 @@ void lull_exec_fit_sums(const lull_task *t, unsigned x, unsigned y, unsigned n, 
 void lull_exec_fit(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker);
 void lull_exec_regress(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker);
 
-/* Columns [x, x+n) of row y of the network's input with the prefiltered albedo. */
+/* Before the network proper: columns [x, x+n) of row y of what a prefilter sees; the same of its
+ * layer's result, which becomes the albedo again where light is steady; and of the network's input
+ * with that. */
+void lull_exec_pick(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker);
+void lull_exec_steady(const lull_task *t, unsigned x, unsigned y, unsigned n);
 void lull_exec_encode(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker);
 
 /* Columns [x, x+n) of row y of the task's layer, if it is one of the filter. */

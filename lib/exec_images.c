@@ -222,38 +222,6 @@ static void load_kernel(const lull_task *t, float *block, unsigned x, unsigned y
         load_aux(t, LULL_AUX_ALL, from.albedo, from.normal, x, y, n);
 }
 
-/* Codes of the normal and the flags stay as they are in the input. */
-void lull_exec_encode(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker)
-{
-    enum { PIXEL = 12, KEPT = 6 };
-    const lull_plan *plan = t->plan;
-    const lull_layer *layer = &plan->model->graph.layer[t->layer];
-    const uint8_t *input = lull_exec_row(plan, layer->source[0], y) + (size_t)x * PIXEL;
-    uint8_t *codes = lull_exec_row(plan, t->layer + 1, y) + (size_t)x * PIXEL;
-    const unsigned inside = y < plan->frame.height ? lull_min_u(lull_exec_inside(t), x + n) : 0;
-    const float *albedo = lull_exec_floats(plan, layer->source[2], y, x);
-    const size_t plane = lull_exec_plane(plan, layer->source[2]);
-    float *block = lull_exec_scratch(t, worker), *pixels = block + 3 * LULL_BLOCK;
-    memcpy(codes, input, (size_t)n * PIXEL);
-    if (lull_plan_is_idle(plan, layer->source[2] - 1u))
-        return;
-    for (unsigned first = x; first < inside; first += LULL_BLOCK) {
-        unsigned count = lull_min_u(LULL_BLOCK, inside - first);
-        uint8_t *made = codes + (size_t)(first - x) * PIXEL;
-        lull_encoding from;
-        lull_exec_radiance(&from, t, block, t->left + first, y, count);
-        for (unsigned i = 0; i < count; i++)
-            for (unsigned c = 0; c < 3; c++)
-                pixels[3 * i + c] = albedo[(c + 1) * plane + first - x + i];
-        from.albedo = pixels;
-        from.normal = NULL;
-        from.flags = 0;
-        plan->model->kernels.encode(made, &from, count);
-        for (unsigned i = 0; i < count; i++)
-            memcpy(made + i * PIXEL + KEPT, input + (first - x + i) * PIXEL + KEPT, PIXEL - KEPT);
-    }
-}
-
 void lull_exec_fetch(const lull_task *t, unsigned index)
 {
     enum { LINE = 64 };

@@ -232,20 +232,6 @@ static void make_smooth(const lull_task *t, unsigned x, unsigned y, unsigned n,
             out[c * plane + i] = 1.0f;
 }
 
-/* The codes of the albedo, and whether there is one. */
-static void make_picked(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker)
-{
-    enum { FROM = 12, TO = 4, ALBEDO = 3, PRESENT = 9 };
-    const lull_plan *plan = t->plan;
-    const uint8_t *in = lull_exec_row(plan, LULL_TENSOR_INPUT, y) + (size_t)x * FROM;
-    uint8_t *out = lull_exec_row(plan, t->layer + 1, y) + (size_t)x * TO;
-    (void)worker;
-    for (unsigned i = 0; i < n; i++, in += FROM, out += TO) {
-        memcpy(out, in + ALBEDO, 3);
-        out[3] = in[PRESENT];
-    }
-}
-
 static void make_prefiltered(const lull_task *t, unsigned x, unsigned y, unsigned n,
                              const uint8_t *codes, size_t step, unsigned worker)
 {
@@ -254,8 +240,10 @@ static void make_prefiltered(const lull_task *t, unsigned x, unsigned y, unsigne
     float *out = lull_exec_floats(t->plan, t->layer + 1, y, x);
     size_t plane = lull_exec_plane(t->plan, t->layer + 1);
     (void)worker;
-    if (inside)
+    if (inside) {
         make_means(t, x, y, inside, 0.0f, 1.0f, codes, step);
+        lull_exec_steady(t, x, y, inside);
+    }
     for (unsigned i = 0; i < inside; i++)
         out[i] = 1.0f;
     for (unsigned c = 0; c < 4; c++)
@@ -407,7 +395,7 @@ void lull_exec_filter(const lull_task *t, unsigned x, unsigned y, unsigned n, un
         [LULL_OP_FACE] = make_facing,   [LULL_OP_PREFILTER] = make_prefiltered,
         [LULL_OP_ENCODE] = NULL};
     static void (*const make[])(const lull_task *, unsigned, unsigned, unsigned, unsigned) = {
-        [LULL_OP_PICK] = make_picked,
+        [LULL_OP_PICK] = lull_exec_pick,
         [LULL_OP_BLEND] = make_blended,          [LULL_OP_BILATERAL] = make_bilateral,
         [LULL_OP_FIT_SUMS] = lull_exec_fit_sums, [LULL_OP_FIT] = lull_exec_fit,
         [LULL_OP_REGRESS] = lull_exec_regress,   [LULL_OP_RESIDUAL] = lull_exec_residual,

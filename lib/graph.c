@@ -436,6 +436,8 @@ static unsigned reach(const lull_graph *graph, int is_exact)
             most = LULL_WINOGRAD_COLUMNS;
         if (layer->op == LULL_OP_BILATERAL)
             most = (unsigned)lull_bilateral_columns(lull_graph_is_far(layer));
+        if (layer->op == LULL_OP_PREFILTER)
+            most = LULL_STEADY_REACH;
         field += most << layer->level;
         if (layer->op == LULL_OP_FILTER && layer->level == 0)
             noise = field + LULL_MIX_REACH;
@@ -484,7 +486,7 @@ static lull_status add_net(lull_graph *graph, const net_row *net, const lull_tza
 static lull_status add_prefilter(lull_graph *graph, const net_row *net, const lull_tza *tza)
 {
     static const lull_reads row[] = {LULL_READS_ROW};
-    static const lull_reads smooth[] = {LULL_READS_5, LULL_READS_ROW};
+    static const lull_reads filter[] = {LULL_READS_5, LULL_READS_ROW, LULL_READS_ROW};
     static const lull_reads rows3[] = {LULL_READS_ROW, LULL_READS_ROW, LULL_READS_ROW};
     unsigned filtered, encoded;
     lull_status status;
@@ -496,8 +498,9 @@ static lull_status add_prefilter(lull_graph *graph, const net_row *net, const lu
     if (status != LULL_OK)
         return status;
     filtered = add_filter(graph, LULL_OP_PREFILTER, 0, 4,
-                          (unsigned[]){LULL_TENSOR_ALBEDO, graph->layers, LULL_TENSOR_NONE},
-                          smooth);
+                          (unsigned[]){LULL_TENSOR_ALBEDO, graph->layers, LULL_TENSOR_INPUT,
+                                       LULL_TENSOR_NONE},
+                          filter);
     encoded = add_filter(
         graph, LULL_OP_ENCODE, 0, K_INPUTS,
         (unsigned[]){LULL_TENSOR_INPUT, LULL_TENSOR_RADIANCE, filtered, LULL_TENSOR_NONE}, rows3);

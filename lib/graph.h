@@ -58,7 +58,8 @@ typedef enum lull_op {
     LULL_OP_RESIDUAL,  /* result, radiance: sums over the pixels of a cell of 16x16 */
     LULL_OP_CORRECT,   /* result, sums: result */
     LULL_OP_PICK,      /* input: those of its channels that the prefilter sees */
-    LULL_OP_PREFILTER, /* albedo, head: (1,r,g,b) of the filtered albedo, as the albedo's tensor */
+    LULL_OP_PREFILTER, /* albedo, head, input: (1,r,g,b) of the filtered albedo, as the albedo's
+                        * tensor */
     LULL_OP_ENCODE,    /* input, radiance, prefiltered albedo: the network's input with that */
     LULL_OPS
 } lull_op;

@@ -363,4 +363,28 @@ LULL_INLINE float lull_pixel_share(float share, uint8_t noise)
     return share * (w < 1.0f ? w : 1.0f);
 }
 
+/* ---- The albedo as it is where light is steady ----------------------------------------------- */
+
+#define LULL_STEADY_BESIDE 2    /* runs on either side that count, too */
+#define LULL_STEADY_REACH 64u   /* columns to either side on which a pixel's share depends */
+#define LULL_STEADY_CODES 2     /* second differences of codes, at most */
+
+/* 1 if the code c of light lies between those of its neighbours as smooth surfaces have it; nothing
+ * (0) tells nothing. */
+LULL_INLINE uint32_t lull_is_steady(int before, int c, int after)
+{
+    int bend = 2 * c - before - after;
+    return before > 0 && c > 0 && after > 0 && bend <= LULL_STEADY_CODES &&
+           bend >= -LULL_STEADY_CODES;
+}
+
+/* The share of the prefiltered albedo of a run, from sums over those around: all of it up to a
+ * fifth of steady pixels, none from two fifths on. */
+LULL_INLINE float lull_unsteady_share(float pixels, float steady)
+{
+    float share = 2.0f - steady * (1.0f / pixels) * 5.0f;
+    share = share > 0.0f ? share : 0.0f;
+    return share < 1.0f ? share : 1.0f;
+}
+
 #endif

@@ -17,7 +17,7 @@ from training import color
 from training.kernel_filter import apply_filter, smooth_result
 from training.kernel_net import KernelNet, encode, padded_heads
 from training.pointwise import from_codes, to_codes
-from training.prefilter import filtered
+from training.prefilter import filtered, unsteady
 from training.trunk import arithmetic
 
 PLANES = 12     # 0-2 radiance code, 3-5 albedo, 6-8 normal code, 9-11 flags (below)
@@ -57,8 +57,9 @@ def run(trunk: Callable[[Tensor], list[Tensor]], transfer: str, x: Tensor,
     codes = given = encode(radiance, x, kind)
     if prefilter is not None:
         with torch.no_grad():
-            albedo = filtered(prefilter, x[:, 3:6], codes[:, PICKED], x[:, 9:10])
-        x = torch.cat((x[:, :3], albedo.to(x.dtype), x[:, 6:]), 1)
+            albedo = filtered(prefilter, x[:, 3:6], codes[:, PICKED], x[:, 9:10]).to(x.dtype)
+            share = unsteady((codes[:, 1:2].to(x.dtype) * 255.0).round())
+        x = torch.cat((x[:, :3], torch.lerp(x[:, 3:6], albedo, share), x[:, 6:]), 1)
         codes = encode(radiance, x, kind)
     heads = padded_heads(trunk, codes)
     out, smooth, noise = apply_filter(heads, radiance, x[:, 3:6], x[:, 9:10])

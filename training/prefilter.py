@@ -11,9 +11,12 @@ from pathlib import Path
 
 import numpy as np
 import torch
+import torch.nn.functional as F
 from torch import Tensor
 
 from export.kernel import PICKED, TAPS, without_black
+from export.smooth import RUN, STEADY_BESIDE, STEADY_CODES
+from training.cells import between
 from training.errors import USAGE, ToolError
 from training.kernel_filter import weighted_sums
 from training.kernel_net import HeadedNet, padded_heads, to_code
@@ -49,6 +52,20 @@ def means(q: Tensor, albedo: Tensor, present: Tensor) -> Tensor:
     """5x5 means of albedo [N,3,H,W] by the logits q [N,25,H,W], of what is present; 0 elsewhere."""
     sums = weighted_sums(q, torch.cat((present, present * albedo), 1), True)
     return sums[:, 1:] / sums[:, :1].clamp(min=1e-12) * present
+
+
+def unsteady(light: Tensor) -> Tensor:
+    """How much of the prefiltered albedo is taken, [N,1,H,W] in [0,1]: none where light is steady
+    along rows (export.smooth.unsteady). light: codes of a K model's input, 0..255, [N,1,H,W]."""
+    before, here, after = F.pad(light, (1, 1)).unfold(3, 3, 1).unbind(-1)
+    steady = (2 * here - before - after).abs() <= STEADY_CODES
+    steady = (steady & (before * here * after > 0)).to(light.dtype)
+    counts = torch.cat((torch.ones_like(steady), steady), 1)
+    counts = F.pad(counts, (0, -light.shape[3] % RUN)).unflatten(3, (-1, RUN)).sum(-1)
+    runs = F.pad(counts, (STEADY_BESIDE, STEADY_BESIDE)).unfold(3, 2 * STEADY_BESIDE + 1, 1)
+    pixels, steadily = runs.sum(-1).chunk(2, 1)
+    share = (2.0 - steadily / pixels * 5.0).clamp(0.0, 1.0)
+    return between(share, light.shape, (1, RUN))
 
 
 def lit(albedo: np.ndarray) -> np.ndarray:

@@ -16,7 +16,7 @@
     KERNEL(pick) KERNEL(prefilter) KERNEL(encode_again) KERNEL(face) KERNEL(demodulate)            \
     KERNEL(shrink) KERNEL(filter) KERNEL(blend) KERNEL(bilateral) KERNEL(fit_sums) KERNEL(fit)     \
     KERNEL(regress) KERNEL(residual) KERNEL(gains) KERNEL(correct) KERNEL(shares)                  \
-    KERNEL(modulate)
+    KERNEL(unsteady) KERNEL(modulate)
 enum {
 #define LULL_CL_NUMBER(name) LULL_CL_##name,
     LULL_CL_KERNELS(LULL_CL_NUMBER)
@@ -55,6 +55,7 @@ enum {
     LULL_CL_NOISE_CODES,
     LULL_CL_GAINS,
     LULL_CL_SHARES,
+    LULL_CL_UNSTEADY,
     LULL_CL_TENSORS
 };
 
@@ -69,8 +70,8 @@ typedef struct lull_cl_step {
     size_t global[3], local[3];
 } lull_cl_step;
 
-/* Layers, what is made of images, gains, shares, result. */
-#define LULL_CL_STEPS (LULL_MAX_LAYERS + 7)
+/* Layers, what is made of images, gains, two of shares, result. */
+#define LULL_CL_STEPS (LULL_MAX_LAYERS + 8)
 
 /* Where a convolution's weights are in the model's memory; its shift. */
 typedef struct lull_cl_weights {

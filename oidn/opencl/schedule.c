@@ -29,7 +29,7 @@ static uint32_t element(const lull_graph *graph, unsigned tensor)
 
 static shape shape_of(const lull_cl_schedule *s, unsigned tensor)
 {
-    static const uint8_t pixels[] = {12, 12, 12, 1, 4, 4}; /* from LULL_CL_IMAGE_ALBEDO on */
+    static const uint8_t pixels[] = {12, 12, 12, 1, 4, 4, 4}; /* from LULL_CL_IMAGE_ALBEDO on */
     unsigned level = tensor < LULL_TENSORS ? lull_graph_level(s->graph, tensor)
                      : tensor == LULL_CL_GAINS ? LULL_CELL_LEVEL
                                                : 0;
@@ -48,7 +48,7 @@ static shape shape_of(const lull_cl_schedule *s, unsigned tensor)
             lull_graph_channels(s->graph, tensor) * element(s->graph, tensor), 4);
         of.border = LULL_CL_BORDER;
     }
-    if (tensor == LULL_CL_SHARES) /* of runs */
+    if (tensor == LULL_CL_SHARES || tensor == LULL_CL_UNSTEADY) /* of runs */
         of.width /= (int32_t)LULL_RUN;
     if (of.pixel == 12 && !of.border) { /* an image: as large as the host's */
         of.width = s->width;
@@ -277,6 +277,8 @@ static void filter_sources(uint8_t sources[LULL_CL_SOURCES], const lull_cl_sched
     }
     if (layer->op == LULL_OP_CORRECT)
         sources[1] = LULL_CL_GAINS;
+    if (layer->op == LULL_OP_PREFILTER)
+        sources[2] = LULL_CL_UNSTEADY;
 }
 
 /* The first of a head's codes that a layer of the filter reads; heads may begin with a later one
@@ -296,6 +298,15 @@ static uint32_t first_code(const lull_graph *graph, const lull_layer *layer)
     default:
         return LULL_HEAD_BLEND;
     }
+}
+
+/* What a kernel makes of runs of pixels of a tensor. */
+static void add_runs(lull_cl_schedule *s, unsigned kernel, unsigned out, unsigned tensor)
+{
+    const uint8_t sources[LULL_CL_SOURCES] = {(uint8_t)tensor, CL_NONE, CL_NONE, CL_NONE, CL_NONE};
+    lull_cl_step *step = add_filter(s, kernel, out, 0, sources);
+
+    set_items(step, step->args.filter.width / (int32_t)LULL_RUN, step->args.filter.height, 1);
 }
 
 /* A layer of the filter, unless it is left out. */
@@ -326,6 +337,8 @@ static void add_layer(lull_cl_schedule *s, unsigned l)
         return;
     if (layer->op == LULL_OP_CORRECT)
         add_filter(s, LULL_CL_gains, LULL_CL_GAINS, LULL_CELL_LEVEL, sums);
+    if (layer->op == LULL_OP_PREFILTER)
+        add_runs(s, LULL_CL_unsteady, LULL_CL_UNSTEADY, LULL_TENSOR_INPUT);
     filter_sources(sources, s, l);
     step = add_filter(s, kernels[layer->op], l + 1, layer->level, sources);
     args = &step->args.filter;
@@ -370,18 +383,14 @@ static void add_inputs(lull_cl_schedule *s)
 static void add_output(lull_cl_schedule *s)
 {
     const int mixes = lull_graph_mixed_by(s->graph) != CL_NONE;
-    const uint8_t noise[LULL_CL_SOURCES] = {LULL_CL_NOISE_CODES, CL_NONE, CL_NONE, CL_NONE,
-                                            CL_NONE};
     const uint8_t sources[LULL_CL_SOURCES] = {
         stand_in(s, (uint8_t)s->graph->layers),
         (uint8_t)lull_graph_find(s->graph, LULL_OP_SMOOTH), mixes ? LULL_CL_SHARES : CL_NONE,
         mixes ? LULL_TENSOR_RADIANCE : CL_NONE, mixes ? LULL_CL_NOISE_CODES : CL_NONE};
     lull_cl_step *step;
 
-    if (mixes) {
-        step = add_filter(s, LULL_CL_shares, LULL_CL_SHARES, 0, noise);
-        set_items(step, step->args.filter.width / (int32_t)LULL_RUN, step->args.filter.height, 1);
-    }
+    if (mixes)
+        add_runs(s, LULL_CL_shares, LULL_CL_SHARES, LULL_CL_NOISE_CODES);
     step = add_filter(s, LULL_CL_modulate, LULL_CL_IMAGE_RESULT, 0, sources);
     step->args.filter.flags |= mixes ? LULL_CL_NOISE : 0;
 }

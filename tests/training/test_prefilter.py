@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from export import export, kernel, pixels, quantize_kernel
+from export import export, kernel, pixels, quantize_kernel, smooth
 from export.dequantize import float_tensors
 from export.tza import Reader, Writer
 from tests.training.test_kernel_train import QUICK, RAW
@@ -16,6 +16,7 @@ from tests.training.test_train import losses
 from tests.training.tools import core_and_infer, in_both
 from training import infer, nets, prefilter, train
 from training.data import Augment, Batches, from_raw
+from training.imageio import read_image, write_pfm
 from training.kernel_integer import IntegerKernel
 from training.result import Result, load_model
 from training.scan import scan
@@ -75,6 +76,46 @@ def test_integers_in_pytorch_equal_the_reference(height, width):
     model.prefilter = None
     other = kernel.run_frame(model, pixels.Frame(images, "hdr", 1.0))
     assert np.median(np.abs(other - want)) > 5e-3
+
+
+def half_steady() -> dict[str, np.ndarray]:
+    """A wide picture whose light becomes steady from left to right, behind noisy albedo of single
+    lines."""
+    rng = np.random.default_rng(3)
+    noise = rng.normal(size=(19, 1500, 3)) * np.linspace(1, -0.5, 1500).clip(0)[:, None]
+    albedo = np.repeat(rng.random((19, 1, 3), np.float32) * 0.8 + 0.1, 1500, 1)
+    albedo[:, ::7] *= 0.8
+    color = (albedo + 0.02) * np.exp(noise) * np.float32(0.7)
+    return {"color": color.astype(np.float32), "albedo": albedo.astype(np.float32),
+            "normal": np.broadcast_to(np.float32([0, 0, 1]), color.shape).copy()}
+
+
+def test_the_albedo_stays_where_light_is_steady(build, work):
+    """The prefilter's part falls from all to nothing, in PyTorch as in numpy; and the core gives
+    the bytes of numpy."""
+    program = build / "bin" / "oidnDenoise"
+    if not program.exists():
+        pytest.skip("optional: the programs are not built")
+    images = half_steady()
+    codes = kernel.encode(images["color"], images["albedo"], images["normal"], False)
+    share = smooth.unsteady(codes)[..., 0]
+    assert (share[:, :200] == 1).all() and (share[:, -300:] == 0).all()
+    assert len(np.unique(share)) > 100  # and between them all there is
+    ours = prefilter.unsteady(torch.from_numpy(codes[None, None, ..., 1].astype(np.float32)))
+    np.testing.assert_allclose(ours[0, 0].numpy(), share, atol=1e-6)
+    model = kernel.load(GOLDEN)
+    filtered = kernel.prefiltered(model.prefilter, codes, images["albedo"])
+    assert np.array_equal(filtered[:, -300:], images["albedo"][:, -300:])
+    assert np.abs(filtered - images["albedo"])[:, :200].mean() > 0.02
+    arguments = []
+    for name, option in (("color", "--hdr"), ("albedo", "--alb"), ("normal", "--nrm")):
+        write_pfm(Path(f"{name}.pfm"), images[name])
+        arguments += [option, f"{name}.pfm"]
+    want = kernel.run_frame(model, pixels.Frame(images, "hdr", 1.0))
+    for more in ([], ["--maxmem", "4"], ["--threads", "3"]):
+        subprocess.run([program, "-w", GOLDEN, "-o", "out.pfm", "--is", "1", *arguments, *more],
+                       check=True, capture_output=True)
+        assert np.array_equal(read_image(Path("out.pfm")), want)
 
 
 @pytest.mark.parametrize("name, change", [
