@@ -9,8 +9,11 @@ unsigned lull_layer_own_outputs(const lull_layer *layer)
 
 int lull_graph_is_local(const lull_graph *graph, unsigned tensor)
 {
-    const lull_layer *layer = &graph->layer[tensor - 1];
-    return tensor >= 1 && tensor <= graph->layers && layer->op == LULL_OP_HEAD && layer->level == 0;
+    const lull_layer *layer;
+    if (tensor < 1 || tensor > graph->layers)
+        return 0;
+    layer = &graph->layer[tensor - 1];
+    return layer->op == LULL_OP_HEAD && layer->level == 0;
 }
 
 int lull_graph_is_far(const lull_layer *layer) { return layer->reads[0] == LULL_READS_9; }
