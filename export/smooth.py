@@ -132,21 +132,31 @@ def corrected(out: np.ndarray, smooth: np.ndarray, noise: np.ndarray,
     return out + out * (gain * share)[..., None]
 
 
+def _runs(v: np.ndarray) -> np.ndarray:
+    """Of runs of a row: pixels inside, and sums of v [H,W], whole numbers; float32 [2,H,runs]."""
+    h, w = v.shape
+    runs = np.pad(np.stack((np.ones(v.shape, F), v)), ((0, 0), (0, 0), (0, -w % RUN)))
+    return runs.reshape(2, h, -1, RUN).sum(-1)
+
+
+def _around(runs: np.ndarray, beside: int) -> np.ndarray:
+    """Sums over each run and `beside` on either side."""
+    around = np.pad(runs, ((0, 0), (0, 0), (beside, beside)))
+    return sum(around[..., k:k + runs.shape[2]] for k in range(2 * beside + 1))
+
+
 def mixed(result: np.ndarray, noise: np.ndarray, radiance: np.ndarray,
           per_code: np.float32) -> np.ndarray:
     """The exposed result [H,W,3] with some of the radiance where noise is little; noise and
     radiance as of corrected, per_code: SHARE_PER_CODE or the other."""
     code = noise[..., 0].astype(F)
-    h, w = code.shape
-    runs = np.pad(np.stack((np.ones_like(code), code)), ((0, 0), (0, 0), (0, -w % RUN)))
-    runs = runs.reshape(2, h, -1, RUN).sum(-1)  # whole numbers
+    runs = _runs(code)
     runs *= runs[1] >= NOISY * runs[0]
-    around = np.pad(runs, ((0, 0), (0, 0), (RUNS_BESIDE, RUNS_BESIDE)))
-    pixels, codes = sum(around[..., k:k + runs.shape[2]] for k in range(2 * RUNS_BESIDE + 1))
+    pixels, codes = _around(runs, RUNS_BESIDE)
     mean = codes * np.divide(ONE, pixels, out=np.zeros_like(pixels), where=pixels > 0)
     share = np.clip(ONE - (mean - LEAST_NOISE) * per_code, F(0), MOST_SHARE)
     own = np.clip(F(2) - code * LESS_OF_SPARKS, F(0), ONE)
-    share = between(share, w, RUN) * own
+    share = between(share, code.shape[1], RUN) * own
     return result + share[..., None] * (radiance - result)
 
 
@@ -156,11 +166,6 @@ def unsteady(codes: np.ndarray) -> np.ndarray:
     light = np.pad(codes[..., 1].astype(np.int32), ((0, 0), (1, 1)))
     before, here, after = light[:, :-2], light[:, 1:-1], light[:, 2:]
     steady = (np.abs(2 * here - before - after) <= STEADY_CODES) & (before * here * after > 0)
-    h, w = steady.shape
-    counts = np.pad(np.stack((np.ones_like(steady), steady)), ((0, 0), (0, 0), (0, -w % RUN)))
-    runs = np.pad(counts.reshape(2, h, -1, RUN).sum(-1).astype(F),
-                  ((0, 0), (0, 0), (STEADY_BESIDE, STEADY_BESIDE)))
-    last = runs.shape[2] - 2 * STEADY_BESIDE
-    pixels, steadily = sum(runs[..., k:k + last] for k in range(2 * STEADY_BESIDE + 1))
+    pixels, steadily = _around(_runs(steady), STEADY_BESIDE)
     share = np.clip(F(2) - steadily * (F(1) / pixels) * F(5), F(0), F(1))
-    return between(share, w, RUN)[..., None]
+    return between(share, steady.shape[1], RUN)[..., None]

@@ -393,7 +393,7 @@ static int store_modulated(const lull_task *t, const lull_run_shares *shares, fl
     float *to = lull_image_floats(&t->images->output, plan->frame.width, x, y - t->base_row);
     float unscale = unscale_of(plan);
     int is_direct = to && lull_exec_content(&plan->frame).is_hdr;
-    int mixes = lull_exec_is_mixed(shares, t, x, n);
+    int mixes = lull_exec_has_share(shares, t, x, n);
     float *made = is_direct && !mixes ? to : block;
     plan->model->kernels.modulate(
         made, lull_exec_floats(plan, graph->layers, y, x - t->left),

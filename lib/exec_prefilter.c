@@ -14,13 +14,6 @@ void lull_exec_pick(const lull_task *t, unsigned x, unsigned y, unsigned n, unsi
     }
 }
 
-/* Shares of the prefiltered albedo of runs, from number `first` on. */
-enum { RUNS = LULL_BLOCK / LULL_RUN + 2, COUNTED = RUNS + 2 * LULL_STEADY_BESIDE };
-typedef struct steady_runs {
-    int first, runs; /* runs: of the whole image */
-    float share[RUNS];
-} steady_runs;
-
 /* Of the pixels [left, end) of a row's codes. */
 static unsigned count_steady(const uint8_t *row, unsigned left, unsigned end)
 {
@@ -31,33 +24,24 @@ static unsigned count_steady(const uint8_t *row, unsigned left, unsigned end)
     return count;
 }
 
-/* Those of the runs between whose middles columns [x, x+n) of the image lie, at most LULL_BLOCK. */
-static void find_shares(steady_runs *r, const lull_task *t, unsigned x, unsigned y, unsigned n)
+/* The shares of the prefiltered albedo of the runs around columns [x, x+n) of row y of the image,
+ * at most LULL_BLOCK. */
+static void find_shares(lull_run_shares *shares, const lull_task *t, unsigned x, unsigned y,
+                        unsigned n)
 {
+    enum { COUNTED = LULL_BLOCK / LULL_RUN + 2 + 2 * LULL_STEADY_BESIDE };
     const uint8_t *row = lull_exec_row(t->plan, LULL_TENSOR_INPUT, y);
-    unsigned end = t->left + lull_exec_inside(t), all_pixels = 0, all_steady = 0;
-    uint8_t pixels[COUNTED], steady[COUNTED];
-    int count;
-    r->runs = (int)((t->plan->frame.width + LULL_RUN - 1) / LULL_RUN);
-    r->first = lull_cell_near(LULL_RUN, (int)x, 0, r->runs);
-    count = lull_cell_near(LULL_RUN, (int)(x + n - 1), 1, r->runs) - r->first + 1;
-    for (int i = 0; i < count + 2 * LULL_STEADY_BESIDE; i++) {
-        int left = (r->first + i - LULL_STEADY_BESIDE) * (int)LULL_RUN;
-        int middle = i - 2 * LULL_STEADY_BESIDE; /* its window ends here */
-        pixels[i] = steady[i] = 0;
-        if (left >= (int)t->left && left < (int)end) {
-            unsigned at = (unsigned)left - t->left;
-            pixels[i] = (uint8_t)lull_min_u(LULL_RUN, end - (unsigned)left);
-            steady[i] = (uint8_t)count_steady(row, at, at + pixels[i]);
-        }
-        all_pixels += pixels[i];
-        all_steady += steady[i];
-        if (middle < 0)
-            continue;
-        r->share[middle] = lull_unsteady_share((float)all_pixels, (float)all_steady);
-        all_pixels -= pixels[middle];
-        all_steady -= steady[middle];
+    unsigned count = lull_exec_runs(shares, t, x, n), column = 0;
+    uint16_t pixels[COUNTED], steady[COUNTED];
+    for (unsigned i = 0; i < count + 2 * LULL_STEADY_BESIDE; i++) {
+        unsigned here = lull_exec_run(t, shares->first + (int)i - LULL_STEADY_BESIDE, &column);
+        pixels[i] = (uint16_t)here;
+        steady[i] = (uint16_t)count_steady(row, column, column + here);
     }
+    lull_exec_sum_around(pixels, count, LULL_STEADY_BESIDE);
+    lull_exec_sum_around(steady, count, LULL_STEADY_BESIDE);
+    for (unsigned i = 0; i < count; i++)
+        shares->of[i] = lull_unsteady_share((float)pixels[i], (float)steady[i]);
 }
 
 void lull_exec_steady(const lull_task *t, unsigned x, unsigned y, unsigned n)
@@ -68,24 +52,18 @@ void lull_exec_steady(const lull_task *t, unsigned x, unsigned y, unsigned n)
     const size_t plane = lull_exec_plane(plan, tensor);
     float *filtered = lull_exec_floats(plan, t->layer + 1, y, x);
     const size_t filtered_plane = lull_exec_plane(plan, t->layer + 1);
-    steady_runs r = {0};
-    for (unsigned first = 0; first < n; first += count) {
-        unsigned at = t->left + x + first;
-        float before, after, part = lull_cell_part(LULL_RUN, (int)at);
-        if (first % LULL_BLOCK == 0)
-            find_shares(&r, t, at, y, lull_min_u(LULL_BLOCK, n - first));
-        count = lull_min_u(LULL_RUN - (at + LULL_RUN / 2) % LULL_RUN, n - first);
-        count = lull_min_u(count, LULL_BLOCK - first % LULL_BLOCK);
-        before = r.share[lull_cell_near(LULL_RUN, (int)at, 0, r.runs) - r.first];
-        after = r.share[lull_cell_near(LULL_RUN, (int)at, 1, r.runs) - r.first];
-        for (unsigned i = first; i < first + count; i++, part += 1.0f / LULL_RUN) {
-            float share = before + part * (after - before);
+    float share[LULL_BLOCK];
+    lull_run_shares shares;
+    for (unsigned first = 0; first < n; first += count, albedo += count, filtered += count) {
+        count = lull_min_u(LULL_BLOCK, n - first);
+        find_shares(&shares, t, t->left + x + first, y, count);
+        lull_exec_between_runs(share, &shares, t, t->left + x + first, count);
+        for (unsigned i = 0; i < count; i++)
             for (unsigned c = 1; c < 4; c++) {
-                const float *a = albedo + c * plane + i;
-                float *f = filtered + c * filtered_plane + i;
-                *f = *a + share * (*f - *a);
+                const float a = albedo[c * plane + i];
+                float *f = &filtered[c * filtered_plane + i];
+                *f = a + share[i] * (*f - a);
             }
-        }
     }
 }
 

@@ -436,9 +436,9 @@ static unsigned reach(const lull_graph *graph, int is_exact)
             most = LULL_WINOGRAD_COLUMNS;
         if (layer->op == LULL_OP_BILATERAL)
             most = (unsigned)lull_bilateral_columns(lull_graph_is_far(layer));
-        if (layer->op == LULL_OP_PREFILTER)
-            most = LULL_STEADY_REACH;
         field += most << layer->level;
+        if (layer->op == LULL_OP_PREFILTER)
+            field = lull_max_u(field, LULL_STEADY_REACH);
         if (layer->op == LULL_OP_FILTER && layer->level == 0)
             noise = field + LULL_MIX_REACH;
     }

@@ -51,17 +51,12 @@ KERNEL_OF_PIXELS unsteady(__global uchar *memory, __global const uchar *model, l
 KERNEL_OF_PIXELS prefilter(__global uchar *memory, __global const uchar *model, lull_cl_filter a)
 {
     int x = get_global_id(0), y = get_global_id(1);
-    int runs = (a.inside_width + (int)LULL_RUN - 1) / (int)LULL_RUN;
-    float before, after, share;
     float4 v, albedo;
     if (!is_inside(memory, &a, x, y))
         return;
     v = feature_mean(memory, model, &a, x, y, 0.0f, 1.0f);
-    before = *pixel_at(memory, a.source[2], lull_cell_near(LULL_RUN, x, 0, runs), y);
-    after = *pixel_at(memory, a.source[2], lull_cell_near(LULL_RUN, x, 1, runs), y);
-    share = before + lull_cell_part(LULL_RUN, x) * (after - before);
     albedo = (float4)(floats_at(memory, a.source[0], x, y)->yzw, 0.0f);
-    v = albedo + share * (v - albedo);
+    v = albedo + between_runs(memory, a.source[2], a.inside_width, x, y) * (v - albedo);
     *floats_at(memory, a.out, x, y) = (float4)(1.0f, v.x, v.y, v.z);
 }
 

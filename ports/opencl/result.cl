@@ -279,10 +279,7 @@ KERNEL_OF_PIXELS modulate(__global uchar *memory, __global const uchar *model, l
     for (int c = 0; c < 3; c++)
         v[c] = lull_sane(v[c] * smooth[c], 1.0f, 0.0f, LULL_LARGEST);
     if (a.flags & LULL_CL_NOISE) {
-        int runs = (a.inside_width + (int)LULL_RUN - 1) / (int)LULL_RUN;
-        float before = *pixel_at(memory, a.source[2], lull_cell_near(LULL_RUN, x, 0, runs), y);
-        float after = *pixel_at(memory, a.source[2], lull_cell_near(LULL_RUN, x, 1, runs), y);
-        float between = before + lull_cell_part(LULL_RUN, x) * (after - before), r[3];
+        float between = between_runs(memory, a.source[2], a.inside_width, x, y), r[3];
         float share = lull_pixel_share(between, *bytes_at(memory, a.source[4], x, y));
         get_radiance(r, memory, a.source[3], x, y);
         for (int c = 0; c < 3; c++)

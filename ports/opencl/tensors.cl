@@ -35,4 +35,13 @@ static void get_pixel(float *v, __global const float *from)
         v[c] = from[c];
 }
 
+/* Value at pixel (x, y) of those of runs of LULL_RUN pixels, one float each, of `width` pixels. */
+static float between_runs(__global uchar *memory, lull_cl_tensor t, int width, int x, int y)
+{
+    int runs = (width + (int)LULL_RUN - 1) / (int)LULL_RUN;
+    float before = *pixel_at(memory, t, lull_cell_near(LULL_RUN, x, 0, runs), y);
+    float after = *pixel_at(memory, t, lull_cell_near(LULL_RUN, x, 1, runs), y);
+    return before + lull_cell_part(LULL_RUN, x) * (after - before);
+}
+
 static int clamp_to(int i, int count) { return clamp(i, 0, count - 1); }

@@ -16,13 +16,13 @@
     B(b##i = load(start + LANES);) \
     start += start_step;
 /* The taps of a column: the one that pixel i begins with, and the next ones of those before. */
-#define FIRST(i)                 \
+#define FIRST(i)                    \
     DOT_VECTOR(1, a##i, value, v0); \
     B(DOT_VECTOR(2, b##i, value, v1);)
-#define SECOND(i)                \
+#define SECOND(i)                   \
     DOT_VECTOR(1, a##i, value, w0); \
     B(DOT_VECTOR(2, b##i, value, w1);)
-#define THIRD(i)                 \
+#define THIRD(i)                    \
     DOT_VECTOR(1, a##i, value, u0); \
     B(DOT_VECTOR(2, b##i, value, u1);)
 #define NONE(i)
