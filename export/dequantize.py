@@ -30,9 +30,8 @@ def scaled(part: Part, step: np.ndarray, shift: int) -> np.ndarray:
 
 def read_integer(tensors: Mapping[str, np.ndarray], file: str) -> IntModel:
     """An integer model of any family. ModelError if it is none."""
-    if kernel.find_net(tensors):
-        return kernel.int_trunk(tensors, file)
-    return kernel.int_prefilter(tensors, file) or int_model(tensors, file)
+    is_kernel = kernel.find_net(tensors)
+    return kernel.int_trunk(tensors, file) if is_kernel else int_model(tensors, file)
 
 
 def as_floats(tensors: Mapping[str, np.ndarray], file: str) -> Mapping[str, np.ndarray]:
@@ -49,11 +48,6 @@ def float_tensors(tensors: Mapping[str, np.ndarray], file: str) -> dict[str, np.
     become one kernel again. ModelError if the tensors are no integer model.
     """
     model = read_integer(tensors, file)
-    prefilter = getattr(model, "prefilter", None)
-    return (_floats(prefilter) if prefilter else {}) | _floats(model)
-
-
-def _floats(model: IntModel) -> dict[str, np.ndarray]:
     heads = getattr(model.net, "heads", ())
     steps = {"input": 1 / model.input_scale.astype(np.float64)}
     out = {}

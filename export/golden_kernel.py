@@ -3,8 +3,7 @@
     python -m export.golden_kernel [tests/golden/kernel]
 
 The folder gets weights.tza, {color,albedo,normal}.f32 ([H,W,3], little endian) and, for each set
-of features and content, out_<features>_<content>.f32; and prefilter.tza, the same model behind a
-prefilter, with pre_<features>_<content>.f32. tests/core/test_kernel.c compares the C core
+of features and content, out_<features>_<content>.f32. tests/core/test_kernel.c compares the C core
 with them to the bit.
 """
 from __future__ import annotations
@@ -22,12 +21,10 @@ from export.reference import NARROW_MAX, IntLayer
 from export.tza import Writer
 
 WIDTHS = (5, 4, 6, 4, 8, 7, 8, 8, 9, 8, 8, 6, 6, 4)  # those that heads read are even
-BEFORE = (6, 8, 7, 8, 9, 8, 6)  # of the prefilter
-WORDS = ("0a", "1b", "2a", "4b", "dec2", "dec0", "head1", "pre_dec1")  # layers whose sums fit words
+WORDS = ("0a", "1b", "2a", "4b", "dec2", "dec0", "head1")  # layers whose sums fit words
 HEIGHT, WIDTH = 37, 45
 CASES = ((7, "hdr"), (7, "ldr"), (7, "srgb"), (1, "hdr"), (3, "hdr"), (5, "lightmap-hdr"),
          (1, "lightmap-dir"), (2, "ldr"), (4, "ldr"))
-WITH_PREFILTER = ((7, "hdr"), (7, "srgb"), (3, "ldr"), (5, "hdr"), (2, "ldr"))
 FEATURE_BITS = {"color": 1, "albedo": 2, "normal": 4}
 
 
@@ -54,16 +51,12 @@ def random_layers(rng: np.random.Generator, trunk: kernel.Trunk,
     return layers
 
 
-def random_model(seed: int, has_prefilter: bool = False) -> kernel.IntTrunk:
+def random_model(seed: int) -> kernel.IntTrunk:
     """A K model with random weights whose codes neither vanish nor all saturate."""
     rng = np.random.default_rng(seed)
     trunk = kernel.read_trunks()[0]
     layers = random_layers(rng, trunk, WIDTHS + (52, 27, 27, 27, 27))
-    model = kernel.IntTrunk(trunk, layers, bilateral=kernel.ALL_STEPS)
-    if has_prefilter:
-        before = kernel.read_trunks(family="P")[0]
-        model.prefilter = kernel.IntTrunk(before, random_layers(rng, before, BEFORE + (25,)))
-    return model
+    return kernel.IntTrunk(trunk, layers, bilateral=kernel.ALL_STEPS)
 
 
 def pictures(seed: int) -> dict[str, np.ndarray]:
@@ -75,7 +68,7 @@ def pictures(seed: int) -> dict[str, np.ndarray]:
     color[3, 4], color[20, 9], color[11, 30] = np.nan, np.inf, -1
     color[30, 40] = 1e7
     albedo = rng.random((HEIGHT, WIDTH, 3), np.float32) * np.float32(1.1)
-    albedo[24:31, 15:28] = albedo[31:35, 15:] = 0.3, 0.5, 0.4  # and here light is steady
+    albedo[24:31, 15:28] = albedo[31:35, 15:] = 0.3, 0.5, 0.4  # and here it has no grain
     albedo[:5, 40:43], albedo[7, 3:5], albedo[8, 3:7, 1:] = 0, (-1, np.nan, 1e-39), 0
     return {"color": color,
             "albedo": albedo,
@@ -87,15 +80,14 @@ def main(folder: Path) -> None:
     images = pictures(2)
     for name, image in images.items():
         image.astype("<f4").tofile(folder / f"{name}.f32")
-    for name, prefix, cases in (("weights", "out", CASES), ("prefilter", "pre", WITH_PREFILTER)):
-        with Writer(folder / f"{name}.tza") as w:
-            for tensor, array in tensors_of(random_model(1, prefix == "pre")).items():
-                w.write(tensor, np.ascontiguousarray(array))
-        model = kernel.load(folder / f"{name}.tza")
-        for features, content in cases:
-            chosen = {f: i for f, i in images.items() if features & FEATURE_BITS[f]}
-            out = kernel.run_frame(model, pixels.Frame(chosen, content))
-            out.astype("<f4").tofile(folder / f"{prefix}_{features}_{content}.f32")
+    with Writer(folder / "weights.tza") as w:
+        for tensor, array in tensors_of(random_model(1)).items():
+            w.write(tensor, np.ascontiguousarray(array))
+    model = kernel.load(folder / "weights.tza")
+    for features, content in CASES:
+        chosen = {f: i for f, i in images.items() if features & FEATURE_BITS[f]}
+        out = kernel.run_frame(model, pixels.Frame(chosen, content))
+        out.astype("<f4").tofile(folder / f"out_{features}_{content}.f32")
 
 
 if __name__ == "__main__":

@@ -13,16 +13,16 @@ from pathlib import Path
 import numpy as np
 
 from export import pixels
+from export.grain import without_grain
 from export.graph import ALIGN, NETS_DEF, Layer, ModelError, Net, read_nets
 from export.reference import NARROW_MAX, FloatModel, IntLayer, IntModel, _tensor, check_layer
 from export.regression import features_of, regressed
 from export.smooth import (EPS, SHARE_PER_CODE, SHARE_PER_CODE_ALONE, corrected, guide_of, mixed,
-                           noise_codes, shares, smoothed, to_code, unsteady)
+                           noise_codes, shares, smoothed, to_code)
 from export.tza import Reader
 
 F = np.float32
 INPUTS, LEVELS, TAPS = 12, 5, 25
-PICKED = (3, 4, 5, 9)       # of them, what a prefilter sees
 RADIANCE_MAX = F(65504)
 LOG_GAIN, CODES_PER_OCTAVE = F(32), F(21.2493764)
 PER_CODE = F(0.0901684401)  # log2(e) / 16
@@ -37,14 +37,16 @@ LOG_TERMS = F(30.6365147), F(-15.4037612), F(10.996752), F(-7.00442797)
 
 @dataclass(frozen=True)
 class LastSteps:
-    """Steps after the filter (export.smooth, export.regression): smoothing, these, and mixing."""
+    """Steps after the filter (export.smooth, export.regression): smoothing, these, and mixing; and
+    one before the network (export.grain)."""
 
+    cleans: bool
     regresses: bool
     corrects: bool
 
 
-LAST_STEPS = {SMOOTH_AND_CORRECT: LastSteps(False, True), SMOOTH: LastSteps(False, False),
-              ALL_STEPS: LastSteps(True, True)}
+LAST_STEPS = {SMOOTH_AND_CORRECT: LastSteps(False, False, True),
+              SMOOTH: LastSteps(False, False, False), ALL_STEPS: LastSteps(True, True, True)}
 
 
 @dataclass(frozen=True)
@@ -55,20 +57,20 @@ class Trunk(Net):
 
     @property
     def inputs(self) -> int:
-        return len(PICKED) if self.family == "P" else INPUTS
+        return INPUTS
 
     @property
     def wide(self) -> frozenset[str]:
         return frozenset()
 
 
-def read_trunks(path: Path = NETS_DEF, family: str = "K") -> list[Trunk]:
-    """The K nets of nets.def; or the prefilters, of family P, which have one head."""
+def read_trunks(path: Path = NETS_DEF) -> list[Trunk]:
+    """The K nets of nets.def."""
     rows = [[a.strip() for a in body.split(",")]
             for body in re.findall(r"^HEAD\s*\((.*?)\)", path.read_text(), flags=re.M)]
     trunks = []
     for net in read_nets(path):
-        if net.family != family:
+        if net.family != "K":
             continue
         heads = sorted((int(level), name, source) for n, name, source, level in rows
                        if n == net.name)
@@ -78,9 +80,9 @@ def read_trunks(path: Path = NETS_DEF, family: str = "K") -> list[Trunk]:
     return trunks
 
 
-def find_net(tensors: Mapping[str, np.ndarray], family: str = "K") -> Trunk | None:
-    """The net of a family whose weights are among these."""
-    return next((net for net in read_trunks(family=family) if f"{net.key}.weight" in tensors), None)
+def find_net(tensors: Mapping[str, np.ndarray]) -> Trunk | None:
+    """The K net whose weights are among these."""
+    return next((net for net in read_trunks() if f"{net.key}.weight" in tensors), None)
 
 
 def find_trunk(tensors: Mapping[str, np.ndarray], file: str) -> Trunk:
@@ -96,8 +98,7 @@ def widened(weight: np.ndarray) -> np.ndarray:
 
 
 class FloatTrunk(FloatModel):
-    """fp32 execution of a K model's fp16 weights; inputs are codes / 255. Tensors of other nets are
-    left alone."""
+    """fp32 execution of a K model's fp16 weights; inputs are codes / 255."""
 
     def __init__(self, trunk: Trunk, tensors: Mapping[str, np.ndarray]):
         names = {x.name for x in trunk.layers}
@@ -109,8 +110,6 @@ class FloatTrunk(FloatModel):
 
 class IntTrunk(IntModel):
     """Exact execution of a K model: codes [H,W,12] in, head codes out."""
-
-    prefilter: IntTrunk | None = None  # what runs before it
 
     def __init__(self, trunk: Trunk, layers: list[IntLayer], bilateral: int = 0):
         super().__init__(trunk, layers, np.full(trunk.inputs, 255.0), 1.0)
@@ -133,19 +132,8 @@ def int_trunk(tensors: Mapping[str, np.ndarray], file: str) -> IntTrunk:
     """A K model from the tensors of its file, checked as a loader must."""
     model = IntTrunk(*_layers(find_trunk(tensors, file), tensors, file),
                      bilateral_of(tensors, file))
-    model.prefilter = int_prefilter(tensors, file)
     check_trunk(model, file)
     return model
-
-
-def int_prefilter(tensors: Mapping[str, np.ndarray], file: str) -> IntTrunk | None:
-    """The prefilter among the tensors of a file, checked; None if there is none."""
-    net = find_net(tensors, "P")
-    if net is None:
-        return None
-    prefilter = IntTrunk(*_layers(net, tensors, file))
-    check_trunk(prefilter, file)
-    return prefilter
 
 
 def _layers(trunk: Trunk, tensors: Mapping[str, np.ndarray],
@@ -238,11 +226,11 @@ def _upsampled(x: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     return x
 
 
-def feature_means(head: np.ndarray, image: np.ndarray, first: int = ALBEDO) -> np.ndarray:
+def feature_means(head: np.ndarray, image: np.ndarray) -> np.ndarray:
     """5x5 means of the albedo or the normal [H,W,3] by the kernel that level 0's head has for
-    them; first: the channel of the head with which its logits begin."""
+    them."""
     v = np.concatenate((np.ones_like(image[..., :1]), image), -1)
-    sums = sums_5x5(weight_table()[head[:v.shape[0], :v.shape[1], first:first + TAPS]], v)
+    sums = sums_5x5(weight_table()[head[:v.shape[0], :v.shape[1], ALBEDO:ALBEDO + TAPS]], v)
     return sums[..., 1:] * (F(1) / sums[..., :1])
 
 
@@ -250,17 +238,6 @@ def padded(codes: np.ndarray) -> np.ndarray:
     """Codes [H,W,C] with zeros below and to the right, as networks want them."""
     h, w, _ = codes.shape
     return np.pad(codes, ((0, -h % ALIGN), (0, -w % ALIGN), (0, 0)))
-
-
-def prefiltered(prefilter: IntTrunk, codes: np.ndarray, albedo: np.ndarray) -> np.ndarray:
-    """The albedo [H,W,3] as a prefilter leaves it; codes: of encode."""
-    head = prefilter.maps(padded(codes[..., PICKED]))[prefilter.net.heads[0]]
-    return albedo + unsteady(codes) * (feature_means(head, albedo, 0) - albedo)
-
-
-def seen_albedo(albedo: np.ndarray) -> np.ndarray:
-    """An albedo as networks count it."""
-    return without_black(pixels.sanitize(albedo, 1.0, 0.0, 1.0))
 
 
 def apply_filter(heads: list[np.ndarray], radiance: np.ndarray, albedo: np.ndarray | None,
@@ -327,9 +304,9 @@ def run_frame(model: IntTrunk, frame: pixels.Frame, channels: int = 3) -> np.nda
             aux[f] = without_black(v) if f == "albedo" else v
     codes = encode(r, aux["albedo"], aux["normal"], not rule.is_hdr)
     guide = guide_of(codes)
-    if model.prefilter and aux["albedo"] is not None:
-        aux["albedo"] = prefiltered(model.prefilter, codes, aux["albedo"])
-        codes = encode(r, seen_albedo(aux["albedo"]), aux["normal"], not rule.is_hdr)
+    if aux["albedo"] is not None and model.bilateral and LAST_STEPS[model.bilateral].cleans:
+        aux["albedo"] = without_grain(aux["albedo"], codes)
+        codes = encode(r, aux["albedo"], aux["normal"], not rule.is_hdr)
     maps = model.maps(padded(codes))
     v = apply_filter([maps[n] for n in model.net.heads], r, aux["albedo"], aux["normal"], guide,
                      model.bilateral, not rule.is_hdr)

@@ -43,7 +43,7 @@ def digest(path: Path) -> str:
 
 def macs_per_pixel(model: IntTrunk) -> float:
     """Multiply-adds per full-resolution pixel, of the 3x3 kernels before folding and the heads."""
-    area, total = {"input": 1.0}, macs_per_pixel(model.prefilter) if model.prefilter else 0.0
+    area, total = {"input": 1.0}, 0.0
     for x in model.layers:
         layer, own = x.layer, area[x.layer.source] * (4 if x.layer.up else 1)
         inputs = x.weight.shape[1] + (x.skip.shape[1] if x.skip is not None else 0)
@@ -61,10 +61,7 @@ def describe(path: Path) -> str:
     if net.family == "K":
         trunk = int_trunk(tensors, str(path))
         widths = ",".join(str(x.outputs) for x in trunk.layers[:len(net.layers)])
-        before = "".join(f"{x.outputs}," for x in trunk.prefilter.layers[:-1]) \
-            if trunk.prefilter else ""
-        before = f"{before[:-1]} before " if before else ""
-        return f"{net.name} {before}{widths} {macs_per_pixel(trunk) / 1000:.1f} kMAC/px, int8"
+        return f"{net.name} {widths} {macs_per_pixel(trunk) / 1000:.1f} kMAC/px, int8"
     model = from_tensors(tensors)
     widths = [getattr(model, layer.name).out_channels for layer in model.net.layers]
     macs = model.macs_per_pixel() / 1000

@@ -69,7 +69,7 @@ class KernelQuantizer(Quantizer):
 
 def tensors_of(model: kernel.IntTrunk) -> dict[str, np.ndarray]:
     """The tensors of a K model's file."""
-    out = tensors_of(model.prefilter) if model.prefilter else {}
+    out = {}
     for x in model.layers:
         name = x.layer.name
         is_head = name in model.net.heads
@@ -82,8 +82,7 @@ def tensors_of(model: kernel.IntTrunk) -> dict[str, np.ndarray]:
     return out
 
 
-def calibration_input(images: dict[str, np.ndarray], content: str = "hdr",
-                      prefilter: kernel.IntTrunk | None = None) -> np.ndarray:
+def calibration_input(images: dict[str, np.ndarray], content: str = "hdr") -> np.ndarray:
     """Padded network input (codes / 255) [H,W,12] of a frame's images by feature."""
     frame = pixels.Frame(images, content)
     color = pixels.sanitize(images["color"], frame.input_scale(), 0.0, pixels.MAX)
@@ -93,9 +92,6 @@ def calibration_input(images: dict[str, np.ndarray], content: str = "hdr",
     if normal is not None:
         normal = pixels.sanitize(normal, 1.0, -1.0, 1.0)
     codes = kernel.encode(color, albedo, normal, not frame.rule().is_hdr)
-    if prefilter and albedo is not None:
-        albedo = kernel.seen_albedo(kernel.prefiltered(prefilter, codes, albedo))
-        codes = kernel.encode(color, albedo, normal, not frame.rule().is_hdr)
     h, w, _ = codes.shape
     codes = np.pad(codes, ((0, -h % kernel.ALIGN), (0, -w % kernel.ALIGN), (0, 0)), mode="edge")
     return codes.astype(np.float32) / np.float32(255)
@@ -113,8 +109,7 @@ def varied(images: dict[str, np.ndarray], i: int,
     return frame, "hdr"
 
 
-def calibration_set(folder: Path, count: int, all_features: bool = False,
-                    prefilter: kernel.IntTrunk | None = None) -> list[np.ndarray]:
+def calibration_set(folder: Path, count: int, all_features: bool = False) -> list[np.ndarray]:
     """Inputs from `count` groups of a data set, evenly spread, as of `varied`."""
     from training.features import load
     from training.scan import scan
@@ -123,20 +118,8 @@ def calibration_set(folder: Path, count: int, all_features: bool = False,
     for i, group in enumerate(groups[::max(len(groups) // count, 1)][:count]):
         images = load(group.inputs[i % len(group.inputs)], ["hdr", "alb", "nrm"])
         frame = {"color": images["hdr"], "albedo": images["alb"], "normal": images["nrm"]}
-        inputs.append(calibration_input(*varied(frame, i, all_features), prefilter))
+        inputs.append(calibration_input(*varied(frame, i, all_features)))
     return inputs
-
-
-def picked(inputs: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """Of calibration inputs, what a prefilter sees, where there is an albedo."""
-    return [x[..., kernel.PICKED] for x in inputs if x[0, 0, kernel.PICKED[-1]]]
-
-
-def read_prefilter(path: Path) -> kernel.IntTrunk:
-    """The integer prefilter in a file, alone or with the K model behind it."""
-    if (prefilter := kernel.int_prefilter(Reader(path), str(path))) is None:
-        raise ValueError(f"{path}: no prefilter is in it")
-    return prefilter
 
 
 def read_tensors(path: Path) -> dict[str, np.ndarray]:
@@ -156,20 +139,12 @@ def read_tensors(path: Path) -> dict[str, np.ndarray]:
 
 
 def quantized(args: argparse.Namespace) -> kernel.IntTrunk:
-    """What the arguments ask for: a K model, or a prefilter alone."""
+    """The integer model that the arguments ask for."""
     tensors, options = read_tensors(args.input), replace(OPTIONS, words=args.words)
-    prefilter = read_prefilter(args.prefilter) if args.prefilter else None
-    own = kernel.find_net(tensors, "P")
-    if own and not prefilter:
-        inputs = picked(calibration_set(args.data, args.count, args.all_features))
-        prefilter = KernelQuantizer(kernel.FloatTrunk(own, tensors), inputs, options).run()
-    if own and kernel.find_net(tensors) is None:
-        return prefilter
     model = kernel.FloatTrunk(kernel.find_trunk(tensors, str(args.input)), tensors)
-    inputs = calibration_set(args.data, args.count, args.all_features, prefilter)
+    inputs = calibration_set(args.data, args.count, args.all_features)
     made = KernelQuantizer(model, inputs, options).run()
     made.bilateral = kernel.bilateral_of(tensors, str(args.input))
-    made.prefilter = prefilter
     return made
 
 
@@ -179,8 +154,6 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("output", type=Path)
     parser.add_argument("--data", type=Path, required=True, help="calibration images")
     parser.add_argument("--count", type=int, default=12, help="how many of its groups (12)")
-    parser.add_argument("--prefilter", type=Path, metavar="P.tza", help="the integer prefilter "
-                        "that goes before the model, into the same file")
     parser.add_argument("--all_features", action="store_true",
                         help="leave none of the features out: for models trained so")
     parser.add_argument("--words", type=float, default=OPTIONS.words, metavar="E", help="squared "

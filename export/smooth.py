@@ -1,5 +1,5 @@
 """The last steps of family K's filter in numpy, docs/kernel-prediction.md, to the bit: smoothing
-along the result, what it lacks, and some of the input; and where a prefilter is left out."""
+along the result, what it lacks, and some of the input."""
 from __future__ import annotations
 
 import numpy as np
@@ -28,7 +28,6 @@ MOST_SHARE = F(0.5)              # of the input
 LEAST_NOISE = F(2)               # above it the share of the input is less by this per code,
 SHARE_PER_CODE, SHARE_PER_CODE_ALONE = F(0.125), F(0.0625)  # without features by that
 LESS_OF_SPARKS = F(0.015625)     # per code of the pixel, beyond 64
-STEADY_BESIDE, STEADY_CODES = 2, 2  # runs to either side; second differences of steady light
 
 
 def to_code(v: np.ndarray) -> np.ndarray:
@@ -158,14 +157,3 @@ def mixed(result: np.ndarray, noise: np.ndarray, radiance: np.ndarray,
     own = np.clip(F(2) - code * LESS_OF_SPARKS, F(0), ONE)
     share = between(share, code.shape[1], RUN) * own
     return result + share[..., None] * (radiance - result)
-
-
-def unsteady(codes: np.ndarray) -> np.ndarray:
-    """How much of the prefiltered albedo is taken, float32 [H,W,1] in [0,1]: none where the light
-    of the input codes [H,W,12] is steady along rows."""
-    light = np.pad(codes[..., 1].astype(np.int32), ((0, 0), (1, 1)))
-    before, here, after = light[:, :-2], light[:, 1:-1], light[:, 2:]
-    steady = (np.abs(2 * here - before - after) <= STEADY_CODES) & (before * here * after > 0)
-    pixels, steadily = _around(_runs(steady), STEADY_BESIDE)
-    share = np.clip(F(2) - steadily * (F(1) / pixels) * F(5), F(0), F(1))
-    return between(share, steady.shape[1], RUN)[..., None]

@@ -23,7 +23,6 @@ def tempered(model: kernel.IntTrunk, radiance: float = 1.0, confidence: float = 
     """The model with its level 0's logits changed: radiance and confidence are factors, blend is
     added. ModelError if its sums could leave 32 bits."""
     made = kernel.IntTrunk(model.net, list(model.layers), model.bilateral)
-    made.prefilter = model.prefilter
     at = next(i for i, x in enumerate(made.layers) if x.layer.name == model.net.heads[0])
     head = made.layers[at]
     scale, bias = head.scale.copy(), head.bias.copy()

@@ -28,29 +28,24 @@ static void load(lull_task *t, unsigned rows, unsigned base_row, const lull_host
     t->chunk = lull_plan_band(t->plan);
     make_rows(t, host, rows - t->first, t->right - t->left, lull_exec_load);
     lull_plan_set_done(t->plan, LULL_TENSOR_INPUT, rows);
-    if (t->plan->keeps_rows) {
-        lull_plan_set_done(t->plan, LULL_TENSOR_RADIANCE, rows);
-        lull_plan_set_aux(t->plan, LULL_AUX_ALL, rows);
-    }
+    lull_plan_set_done(t->plan, LULL_TENSOR_RADIANCE, rows);
+    if (t->plan->keeps_rows)
+        lull_plan_set_aux(t->plan, rows);
 }
 
 /* Albedo, guide and normal that are not kept come in when layer l is about to need them. */
 static void load_aux(lull_task *t, unsigned l, const lull_host *host)
 {
     lull_plan *plan = t->plan;
-    unsigned rows, needs_albedo;
-    t->aux = plan->keeps_rows ? 0 : lull_plan_brings(plan, l);
-    if (!t->aux)
+    unsigned rows;
+    if (plan->keeps_rows || !lull_plan_brings(plan, l))
         return;
-    needs_albedo = t->aux & LULL_AUX_ALBEDO;
     rows = lull_plan_aux_rows(plan, l);
-    lull_plan_set_done(plan, LULL_TENSOR_RADIANCE, lull_plan_done(plan, 0));
-    t->first = lull_plan_done(plan, needs_albedo ? LULL_TENSOR_ALBEDO : LULL_TENSOR_GUIDE);
+    t->first = lull_plan_done(plan, LULL_TENSOR_ALBEDO);
     t->chunk = lull_plan_band(plan);
-    if ((needs_albedo && lull_plan_has(plan, LULL_TENSOR_ALBEDO)) ||
-        (t->aux & LULL_AUX_OTHERS && lull_plan_has(plan, LULL_TENSOR_GUIDE)))
+    if (lull_plan_has(plan, LULL_TENSOR_ALBEDO) || lull_plan_has(plan, LULL_TENSOR_GUIDE))
         make_rows(t, host, rows - t->first, t->right - t->left, lull_exec_spread);
-    lull_plan_set_aux(plan, t->aux, rows);
+    lull_plan_set_aux(plan, rows);
 }
 
 /* How far the run is: the mean, over input, layers and output, of the parts of their rows that are

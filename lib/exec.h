@@ -25,7 +25,6 @@ typedef struct lull_task {
     unsigned ahead;                   /* rows of input images fetched ahead, three for each row of
                                        * the next step, or LULL_NOT_AHEAD */
     unsigned layer;                   /* the one that is made */
-    unsigned aux;                     /* LULL_AUX_*: those that are brought in */
     unsigned first, rows, chunk;      /* loops over images: first row, rows, columns of a part */
     unsigned base_row;                /* row of the frame at the start of the images */
     unsigned begin, end, left, right; /* columns: of the strip's output, and held in the rings */
@@ -55,7 +54,7 @@ const uint8_t *lull_exec_source(const lull_plan *plan, unsigned tensor, int y);
 
 /* Bodies of parallel_for. Context: a lull_task. */
 void lull_exec_load(void *context, unsigned index, unsigned worker);   /* a chunk of the input */
-void lull_exec_spread(void *context, unsigned index, unsigned worker); /* of LULL_AUX_* */
+void lull_exec_spread(void *context, unsigned index, unsigned worker); /* of auxiliary images */
 void lull_exec_chunk(void *context, unsigned index, unsigned worker);  /* of one of the groups */
 void lull_exec_store(void *context, unsigned index, unsigned worker);  /* of the output */
 
@@ -103,12 +102,14 @@ void lull_exec_fit_sums(const lull_task *t, unsigned x, unsigned y, unsigned n, 
 void lull_exec_fit(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker);
 void lull_exec_regress(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker);
 
-/* Before the network proper: columns [x, x+n) of row y of what a prefilter sees; the same of its
- * layer's result, which becomes the albedo again where light is steady; and of the network's input
- * with that. */
-void lull_exec_pick(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker);
-void lull_exec_steady(const lull_task *t, unsigned x, unsigned y, unsigned n);
+/* Before the network proper, grain of the albedo: sums, shares and means of cells [x, x+n) of row y
+ * of cells; columns [x, x+n) of row y of the input without it. */
+void lull_exec_grain_sums(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker);
+void lull_exec_find_grain(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker);
 void lull_exec_encode(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker);
+
+/* Takes it out of n pixels of the tensor of the albedo, from column x of the strip on. */
+void lull_exec_clean(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker);
 
 /* Columns [x, x+n) of row y of the task's layer, if it is one of the filter. */
 void lull_exec_filter(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker);

@@ -183,18 +183,15 @@ void lull_exec_radiance(lull_encoding *from, const lull_task *t, float *block, u
     from->most = LULL_RADIANCE_MAX;
 }
 
-/* n pixels from column x on of row y of `which` of the tensors of albedo and normal and of the
- * guide. */
-static void load_aux(const lull_task *t, unsigned which, const float *albedo, const float *normal,
-                     unsigned x, unsigned y, unsigned n)
+/* n pixels from column x on of row y of the tensors of albedo and normal and of the guide. */
+static void load_aux(const lull_task *t, const float *albedo, const float *normal, unsigned x,
+                     unsigned y, unsigned n)
 {
     const lull_plan *plan = t->plan;
     unsigned column = x - t->left;
-    if (which & LULL_AUX_ALBEDO && albedo && lull_plan_has(plan, LULL_TENSOR_ALBEDO))
+    if (albedo && lull_plan_has(plan, LULL_TENSOR_ALBEDO))
         plan->model->kernels.spread(lull_exec_floats(plan, LULL_TENSOR_ALBEDO, y, column),
                                     lull_exec_plane(plan, LULL_TENSOR_ALBEDO), albedo, n);
-    if (!(which & LULL_AUX_OTHERS))
-        return;
     if (normal && lull_plan_has(plan, LULL_TENSOR_NORMAL))
         plan->model->kernels.spread_xyz(lull_exec_floats(plan, LULL_TENSOR_NORMAL, y, column),
                                         lull_exec_plane(plan, LULL_TENSOR_NORMAL), normal, n);
@@ -219,7 +216,7 @@ static void load_kernel(const lull_task *t, float *block, unsigned x, unsigned y
     from.flags = lull_filter_flags(&from, !lull_exec_content(&plan->frame).is_hdr);
     plan->model->kernels.encode(codes, &from, n);
     if (plan->keeps_rows)
-        load_aux(t, LULL_AUX_ALL, from.albedo, from.normal, x, y, n);
+        load_aux(t, from.albedo, from.normal, x, y, n);
 }
 
 void lull_exec_fetch(const lull_task *t, unsigned index)
@@ -261,20 +258,21 @@ void lull_exec_spread(void *context, unsigned index, unsigned worker)
     const lull_plan *plan = t->plan;
     lull_part part = lull_exec_part(t, index, t->left, t->right);
     unsigned y = t->first + part.row, right = lull_min_u(part.right, plan->frame.width);
-    if (y >= plan->frame.height && t->aux & LULL_AUX_ALBEDO &&
-        lull_plan_has(plan, LULL_TENSOR_ALBEDO))
+    if (y >= plan->frame.height && lull_plan_has(plan, LULL_TENSOR_ALBEDO))
         clear_part(t, LULL_TENSOR_ALBEDO, y, &part);
-    if (y >= plan->frame.height && t->aux & LULL_AUX_OTHERS &&
-        lull_plan_has(plan, LULL_TENSOR_NORMAL))
+    if (y >= plan->frame.height && lull_plan_has(plan, LULL_TENSOR_NORMAL))
         clear_part(t, LULL_TENSOR_NORMAL, y, &part);
     for (unsigned x = part.left; y < plan->frame.height && x < right; x += LULL_BLOCK) {
         unsigned n = lull_min_u(LULL_BLOCK, right - x);
         float *block = lull_exec_scratch(t, worker);
         const float *albedo = lull_exec_aux(t, 1, block, x, y - t->base_row, n), *normal = NULL;
-        if (t->aux & LULL_AUX_OTHERS && lull_plan_has(plan, LULL_TENSOR_GUIDE))
+        if (lull_plan_has(plan, LULL_TENSOR_GUIDE))
             normal = lull_exec_aux(t, 2, block + 3 * LULL_BLOCK, x, y - t->base_row, n);
-        load_aux(t, t->aux, albedo, normal, x, y, n);
+        load_aux(t, albedo, normal, x, y, n);
     }
+    if (plan->model->graph.before && y < plan->frame.height && part.left < right &&
+        lull_plan_has(plan, LULL_TENSOR_ALBEDO))
+        lull_exec_clean(t, part.left - t->left, y, right - part.left, worker);
 }
 
 /* The n bytes before `from` to before `to`. */

@@ -232,24 +232,6 @@ static void make_smooth(const lull_task *t, unsigned x, unsigned y, unsigned n,
             out[c * plane + i] = 1.0f;
 }
 
-static void make_prefiltered(const lull_task *t, unsigned x, unsigned y, unsigned n,
-                             const uint8_t *codes, size_t step, unsigned worker)
-{
-    unsigned width = lull_exec_inside(t);
-    unsigned inside = y < t->plan->frame.height && x < width ? lull_min_u(width - x, n) : 0;
-    float *out = lull_exec_floats(t->plan, t->layer + 1, y, x);
-    size_t plane = lull_exec_plane(t->plan, t->layer + 1);
-    (void)worker;
-    if (inside) {
-        make_means(t, x, y, inside, 0.0f, 1.0f, codes, step);
-        lull_exec_steady(t, x, y, inside);
-    }
-    for (unsigned i = 0; i < inside; i++)
-        out[i] = 1.0f;
-    for (unsigned c = 0; c < 4; c++)
-        memset(out + c * plane + inside, 0, (size_t)(n - inside) * sizeof *out);
-}
-
 /* Filtered normals, by the albedo's kernel. */
 static void make_facing(const lull_task *t, unsigned x, unsigned y, unsigned n,
                         const uint8_t *codes, size_t step, unsigned worker)
@@ -392,10 +374,9 @@ void lull_exec_filter(const lull_task *t, unsigned x, unsigned y, unsigned n, un
                                     const uint8_t *, size_t, unsigned) = {
         [LULL_OP_SMOOTH] = make_smooth, [LULL_OP_DEMODULATE] = make_demodulated,
         [LULL_OP_POOL] = make_pooled,   [LULL_OP_FILTER] = make_filtered,
-        [LULL_OP_FACE] = make_facing,   [LULL_OP_PREFILTER] = make_prefiltered,
-        [LULL_OP_ENCODE] = NULL};
+        [LULL_OP_FACE] = make_facing,   [LULL_OP_ENCODE] = NULL};
     static void (*const make[])(const lull_task *, unsigned, unsigned, unsigned, unsigned) = {
-        [LULL_OP_PICK] = lull_exec_pick,
+        [LULL_OP_GRAIN_SUMS] = lull_exec_grain_sums, [LULL_OP_GRAIN] = lull_exec_find_grain,
         [LULL_OP_BLEND] = make_blended,          [LULL_OP_BILATERAL] = make_bilateral,
         [LULL_OP_FIT_SUMS] = lull_exec_fit_sums, [LULL_OP_FIT] = lull_exec_fit,
         [LULL_OP_REGRESS] = lull_exec_regress,   [LULL_OP_RESIDUAL] = lull_exec_residual,

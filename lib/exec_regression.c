@@ -2,9 +2,6 @@
  * input and result, by cells of pixels (bilateral.h). */
 #include "exec.h"
 
-/* Cells that `pixels` lie in. */
-static unsigned cells_of(unsigned pixels) { return (pixels + LULL_FIT_SIDE - 1) / LULL_FIT_SIDE; }
-
 /* Sums of `count` cells from sums of their columns. */
 static void sum_columns(float *out, const float *v, unsigned count)
 {
@@ -55,7 +52,8 @@ void lull_exec_fit_sums(const lull_task *t, unsigned x, unsigned y, unsigned n, 
         for (unsigned row = LULL_FIT_SIDE * y; row < bottom; row++)
             add_row(sums, t, left, right, row, block);
         for (unsigned c = 0; c < LULL_FIT_SUMS; c++)
-            sum_columns(out + c * plane, sums + c * LULL_FIT_BLOCK, cells_of(right - left));
+            sum_columns(out + c * plane, sums + c * LULL_FIT_BLOCK,
+                        lull_cell_count(LULL_FIT_SIDE, right - left));
     }
 }
 
@@ -63,9 +61,10 @@ void lull_exec_fit(const lull_task *t, unsigned x, unsigned y, unsigned n, unsig
 {
     const lull_plan *plan = t->plan;
     unsigned source = plan->model->graph.layer[t->layer].source[0];
-    unsigned cells = cells_of(lull_exec_inside(t));
+    unsigned cells = lull_cell_count(LULL_FIT_SIDE, lull_exec_inside(t));
     const float *rows[3];
-    if (!lull_exec_has_features(plan) || y >= cells_of(plan->frame.height) || x >= cells)
+    unsigned down = lull_cell_count(LULL_FIT_SIDE, plan->frame.height);
+    if (!lull_exec_has_features(plan) || y >= down || x >= cells)
         return;
     for (int k = 0; k < 3; k++)
         rows[k] = (const float *)(const void *)lull_exec_source(plan, source, (int)y + k - 1) + x;
@@ -84,7 +83,8 @@ static void find_coefficients(float *out, const lull_task *t, int x, unsigned y,
 {
     const lull_plan *plan = t->plan;
     unsigned source = plan->model->graph.layer[t->layer].source[3];
-    int down = (int)cells_of(plan->frame.height), cells = (int)cells_of(lull_exec_inside(t));
+    int down = (int)lull_cell_count(LULL_FIT_SIDE, plan->frame.height);
+    int cells = (int)lull_cell_count(LULL_FIT_SIDE, lull_exec_inside(t));
     unsigned near = (unsigned)lull_cell_near(LULL_FIT_SIDE, (int)y, 0, down);
     unsigned next = (unsigned)lull_cell_near(LULL_FIT_SIDE, (int)y, 1, down);
     const float *above = lull_exec_floats(plan, source, near, 0);

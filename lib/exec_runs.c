@@ -1,5 +1,4 @@
-/* Shares of runs of pixels of a row: of the input in the output (exec_mix.c), of the prefiltered
- * albedo (exec_prefilter.c). */
+/* Shares of runs of pixels of a row: of the input in the output (exec_mix.c). */
 #include "exec.h"
 
 /* The run before whose middle, or after it (next), a pixel is; the nearest at the edges. */

@@ -39,7 +39,6 @@ static const head_row heads[] = {
 #define COUNT(array) (sizeof(array) / sizeof(array)[0])
 #define K_LEVELS 5u
 #define K_INPUTS 12u
-#define P_INPUTS 4u
 #define MAIN_CHANNELS 3u
 
 static int same(const char *a, const char *b)
@@ -53,7 +52,7 @@ const char *lull_layer_name(const lull_layer *layer)
 {
     static const char *const names[] = {"", "", "smooth", "demodulate", "pool", "filter", "blend",
                                         "bilateral", "face", "fit_sums", "fit", "regress",
-                                        "residual", "correct", "pick", "prefilter", "encode"};
+                                        "residual", "correct", "grain_sums", "grain", "encode"};
     if (layer->op == LULL_OP_CONV)
         return rows[layer->row].name;
     return layer->op == LULL_OP_HEAD ? heads[layer->row].name : names[layer->op];
@@ -284,9 +283,7 @@ static lull_status add_layer(lull_graph *graph, const layer_row *row, const lull
     return status;
 }
 
-/* is_before: it has the logits of the albedo's kernel alone. */
-static lull_status add_head(lull_graph *graph, const head_row *row, const lull_tza *tza,
-                            int is_before)
+static lull_status add_head(lull_graph *graph, const head_row *row, const lull_tza *tza)
 {
     lull_layer *layer = new_layer(graph, LULL_OP_HEAD, row->level, 0);
     lull_status status;
@@ -295,9 +292,9 @@ static lull_status add_head(lull_graph *graph, const head_row *row, const lull_t
     layer->row = (uint8_t)(row - heads);
     add_source(layer, tensor_called(graph, row->source), LULL_READS_ROW);
     status = read_shapes(graph, layer, tza);
-    if (status == LULL_OK && layer->outputs != (is_before ? 25 : row->level ? 27 : 52))
+    if (status == LULL_OK && layer->outputs != (row->level ? 27 : 52))
         status = LULL_ERROR_NETWORK;
-    if (row->level == 0 && !is_before) { /* the filter's part of it: add_filters */
+    if (row->level == 0) { /* the filter's part of it: add_filters */
         layer->first = LULL_HEAD0_SPLIT;
         layer->outputs = (uint16_t)(layer->outputs - LULL_HEAD0_SPLIT);
     }
@@ -330,10 +327,27 @@ static unsigned add_second_head(lull_graph *graph, unsigned head, unsigned v)
     return ++graph->layers;
 }
 
-/* The filter of family K, docs/kernel-prediction.md; the last steps for files that ask for them. */
-static lull_status add_filters(lull_graph *graph, const lull_tza *tza)
+/* Values of the tensor bilateral.scale, and 0 where there is none. */
+enum { NO_STEPS, SMOOTH_AND_CORRECT, SMOOTH, ALL_STEPS };
+
+/* That of a file; NETWORK if it is none. */
+static lull_status read_steps(int *steps, const lull_tza *tza)
 {
-    static const lull_reads smooth[] = {LULL_READS_5, LULL_READS_ROW};
+    lull_tza_tensor tensor;
+    float value;
+    *steps = NO_STEPS;
+    if (!lull_tza_find(tza, "bilateral", ".scale", &tensor))
+        return LULL_OK;
+    value = has_shape(&tensor, 'f', 1, 0, 0) ? lull_tza_float(&tensor, 0) : 0.0f;
+    while (*steps < ALL_STEPS && value != (float)*steps)
+        ++*steps;
+    return *steps != NO_STEPS && value == (float)*steps ? LULL_OK : LULL_ERROR_NETWORK;
+}
+
+/* The filter of family K, docs/kernel-prediction.md; the last steps for files that ask for them. */
+static lull_status add_filters(lull_graph *graph, int steps)
+{
+    static const lull_reads smooth[] = {LULL_READS_5, LULL_READS_ROW, LULL_READS_EIGHTH};
     static const lull_reads rows3[] = {LULL_READS_ROW, LULL_READS_ROW, LULL_READS_ROW};
     static const lull_reads pool[] = {LULL_READS_FINE, LULL_READS_ROW};
     static const lull_reads blend[] = {LULL_READS_ROW, LULL_READS_COARSE};
@@ -345,28 +359,18 @@ static lull_status add_filters(lull_graph *graph, const lull_tza *tza)
     static const lull_reads regress[] = {LULL_READS_ROW, LULL_READS_ROW, LULL_READS_ROW,
                                          LULL_READS_EIGHTH};
     static const lull_reads correct[] = {LULL_READS_ROW, LULL_READS_CELLS};
+    const unsigned grain = graph->before ? graph->input - 1u : LULL_TENSOR_NONE;
+    const int has_fit = steps == ALL_STEPS, has_residual = has_fit || steps == SMOOTH_AND_CORRECT;
     unsigned head[K_LEVELS], filtered[K_LEVELS], v, even, facing = LULL_TENSOR_NONE, result;
-    lull_tza_tensor asked;
-    int has_bilateral = lull_tza_find(tza, "bilateral", ".scale", &asked);
-    int has_residual = 0, has_fit = 0;
-    if (has_bilateral) {
-        float form = has_shape(&asked, 'f', 1, 0, 0) ? lull_tza_float(&asked, 0) : 0.0f;
-        has_fit = form == 3.0f;
-        has_residual = has_fit || form == 1.0f;
-        if (!has_residual && form != 2.0f)
-            return LULL_ERROR_NETWORK;
-    }
     for (unsigned s = 0; s < K_LEVELS; s++) {
-        head[s] = find_from(graph, graph->before, LULL_OP_HEAD, s);
+        head[s] = find_from(graph, 0, LULL_OP_HEAD, s);
         if (head[s] == LULL_TENSOR_NONE)
             return LULL_ERROR_NETWORK;
     }
     if (!graph->is_integer || graph->inputs != K_INPUTS || graph->levels != K_LEVELS - 1)
         return LULL_ERROR_NETWORK;
     even = add_filter(graph, LULL_OP_SMOOTH, 0, 3,
-                      (unsigned[]){graph->before ? graph->before : LULL_TENSOR_ALBEDO, head[0],
-                                   LULL_TENSOR_NONE},
-                      smooth);
+                      (unsigned[]){LULL_TENSOR_ALBEDO, head[0], grain, LULL_TENSOR_NONE}, smooth);
     if (has_fit)
         facing = add_filter(graph, LULL_OP_FACE, 0, 3,
                             (unsigned[]){LULL_TENSOR_NORMAL, head[0], LULL_TENSOR_NONE}, smooth);
@@ -384,7 +388,7 @@ static lull_status add_filters(lull_graph *graph, const lull_tza *tza)
     for (unsigned s = K_LEVELS - 1; s-- > 0;)
         result = add_filter(graph, LULL_OP_BLEND, s, 3,
                             (unsigned[]){filtered[s], result, LULL_TENSOR_NONE}, blend);
-    if (has_bilateral)
+    if (steps)
         result = add_filter(graph, LULL_OP_BILATERAL, 0, 3,
                             (unsigned[]){result, LULL_TENSOR_GUIDE, filtered[0], LULL_TENSOR_NONE},
                             has_residual ? far : near);
@@ -430,15 +434,13 @@ static unsigned reach(const lull_graph *graph, int is_exact)
         const lull_layer *layer = &graph->layer[i];
         unsigned most = 0;
         for (unsigned s = 0; s < LULL_MAX_SOURCES && layer->source[s] != LULL_TENSOR_NONE; s++)
-            if (layer->op != LULL_OP_HEAD || s == 0)
+            if ((layer->op != LULL_OP_HEAD && layer->op != LULL_OP_SMOOTH) || s == 0)
                 most = lull_max_u(most, radius[layer->reads[s]]);
         if (is_exact && layer->is_winograd)
             most = LULL_WINOGRAD_COLUMNS;
         if (layer->op == LULL_OP_BILATERAL)
             most = (unsigned)lull_bilateral_columns(lull_graph_is_far(layer));
         field += most << layer->level;
-        if (layer->op == LULL_OP_PREFILTER)
-            field = lull_max_u(field, LULL_STEADY_REACH);
         if (layer->op == LULL_OP_FILTER && layer->level == 0)
             noise = field + LULL_MIX_REACH;
     }
@@ -478,63 +480,55 @@ static lull_status add_net(lull_graph *graph, const net_row *net, const lull_tza
             status = add_layer(graph, &rows[i], tza);
     for (size_t i = 0; i < COUNT(heads) && status == LULL_OK; i++)
         if (same(heads[i].net, net->name))
-            status = add_head(graph, &heads[i], tza, net->family == LULL_FAMILY_P);
+            status = add_head(graph, &heads[i], tza);
     return status;
 }
 
-/* A net of family P; its filter of the albedo, and the input of the network that follows. */
-static lull_status add_prefilter(lull_graph *graph, const net_row *net, const lull_tza *tza)
+/* What takes grain out of the albedo; the input of the network that follows. */
+static void add_grain(lull_graph *graph)
 {
-    static const lull_reads row[] = {LULL_READS_ROW};
-    static const lull_reads filter[] = {LULL_READS_5, LULL_READS_ROW, LULL_READS_ROW};
-    static const lull_reads rows3[] = {LULL_READS_ROW, LULL_READS_ROW, LULL_READS_ROW};
-    unsigned filtered, encoded;
-    lull_status status;
-    graph->is_integer = 1;
+    static const lull_reads cell[] = {LULL_READS_8}, around[] = {LULL_READS_3};
+    static const lull_reads encode[] = {LULL_READS_ROW, LULL_READS_ROW, LULL_READS_EIGHTH};
+    unsigned v = add_filter(graph, LULL_OP_GRAIN_SUMS, LULL_GRAIN_LEVEL, LULL_GRAIN_SUMS,
+                            (unsigned[]){LULL_TENSOR_INPUT, LULL_TENSOR_NONE}, cell);
+    v = add_filter(graph, LULL_OP_GRAIN, LULL_GRAIN_LEVEL, 4, (unsigned[]){v, LULL_TENSOR_NONE},
+                   around);
     graph->inputs = K_INPUTS;
-    graph->input = (uint8_t)add_filter(graph, LULL_OP_PICK, 0, P_INPUTS,
-                                       (unsigned[]){LULL_TENSOR_INPUT, LULL_TENSOR_NONE}, row);
-    status = add_net(graph, net, tza);
-    if (status != LULL_OK)
-        return status;
-    filtered = add_filter(graph, LULL_OP_PREFILTER, 0, 4,
-                          (unsigned[]){LULL_TENSOR_ALBEDO, graph->layers, LULL_TENSOR_INPUT,
-                                       LULL_TENSOR_NONE},
-                          filter);
-    encoded = add_filter(
+    graph->is_integer = 1;
+    graph->input = (uint8_t)add_filter(
         graph, LULL_OP_ENCODE, 0, K_INPUTS,
-        (unsigned[]){LULL_TENSOR_INPUT, LULL_TENSOR_RADIANCE, filtered, LULL_TENSOR_NONE}, rows3);
-    graph->before = filtered;
-    graph->input = (uint8_t)encoded;
-    return encoded == LULL_TENSOR_NONE ? LULL_ERROR_NETWORK : LULL_OK;
+        (unsigned[]){LULL_TENSOR_INPUT, LULL_TENSOR_RADIANCE, v, LULL_TENSOR_NONE}, encode);
+    graph->before = graph->layers;
 }
 
-/* The first net whose tensors the file has, of family P or of the others; NULL if there is none. */
-static const net_row *find_net(const lull_tza *tza, int is_before)
+/* The first net whose tensors the file has; NULL if there is none. */
+static const net_row *find_net(const lull_tza *tza)
 {
     lull_tza_tensor tensor;
     for (size_t n = 0; n < COUNT(nets); n++)
-        if ((nets[n].family == LULL_FAMILY_P) == is_before &&
-            lull_tza_find(tza, nets[n].key, ".weight", &tensor))
+        if (lull_tza_find(tza, nets[n].key, ".weight", &tensor))
             return &nets[n];
     return NULL;
 }
 
 lull_status lull_graph_build(lull_graph *graph, const lull_tza *tza)
 {
-    const net_row *net = find_net(tza, 0), *before = find_net(tza, 1);
+    const net_row *net = find_net(tza);
+    int steps = NO_STEPS;
     lull_status status = LULL_OK;
     if (!net)
         return LULL_ERROR_NETWORK;
     memset(graph, 0, sizeof *graph);
     graph->network = net->name;
     graph->family = net->family;
-    if (before && net->family == LULL_FAMILY_K)
-        status = add_prefilter(graph, before, tza);
+    if (net->family == LULL_FAMILY_K)
+        status = read_steps(&steps, tza);
+    if (steps == ALL_STEPS)
+        add_grain(graph);
     if (status == LULL_OK)
         status = add_net(graph, net, tza);
     if (status == LULL_OK && graph->family == LULL_FAMILY_K)
-        status = add_filters(graph, tza);
+        status = add_filters(graph, steps);
     if (status == LULL_OK && graph->family == LULL_FAMILY_U && graph->is_integer)
         status = read_maxima(graph, tza);
     if (status != LULL_OK)

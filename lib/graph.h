@@ -5,7 +5,7 @@
 #include "base.h"
 #include "tza.h"
 
-#define LULL_MAX_LAYERS 53
+#define LULL_MAX_LAYERS 46
 #define LULL_MAX_CHANNELS 1024 /* of any one tensor; bounds scratch memory and sums */
 
 /* Level 0's head of family K is two layers: the filter's logits, so many, are made when radiance is
@@ -33,7 +33,7 @@ LULL_INLINE size_t lull_dtype_bytes(lull_dtype dtype)
     return dtype == LULL_DTYPE_F32 ? 4u : dtype == LULL_DTYPE_U8 ? 1u : 2u;
 }
 
-typedef enum lull_family { LULL_FAMILY_U, LULL_FAMILY_K, LULL_FAMILY_P } lull_family;
+typedef enum lull_family { LULL_FAMILY_U, LULL_FAMILY_K } lull_family;
 
 /* What a layer does. Convolutions have weights; the others are the filter of family K, in the order
  * of docs/kernel-prediction.md, and make fp32 tensors. */
@@ -57,10 +57,9 @@ typedef enum lull_op {
                         * codes of the noise */
     LULL_OP_RESIDUAL,  /* result, radiance: sums over the pixels of a cell of 16x16 */
     LULL_OP_CORRECT,   /* result, sums: result */
-    LULL_OP_PICK,      /* input: those of its channels that the prefilter sees */
-    LULL_OP_PREFILTER, /* albedo, head, input: (1,r,g,b) of the filtered albedo, as the albedo's
-                        * tensor */
-    LULL_OP_ENCODE,    /* input, radiance, prefiltered albedo: the network's input with that */
+    LULL_OP_GRAIN_SUMS, /* input: sums over the pixels of a cell of 8x8, of the albedo's codes */
+    LULL_OP_GRAIN,     /* them: how much of the albedo's mean stands for it, and the mean */
+    LULL_OP_ENCODE,    /* input, radiance, grain: the input without it, in the input's memory */
     LULL_OPS
 } lull_op;
 
@@ -104,7 +103,7 @@ typedef struct lull_graph {
     int is_integer;   /* int8 weights; docs/arithmetic.md */
     unsigned inputs;  /* channels of the network's input, and ... */
     unsigned aux;     /* ... how many of them, the last ones, are LULL_TENSOR_AUX */
-    unsigned before;  /* layers that filter the albedo, before all others; 0: none */
+    unsigned before;  /* layers that take grain out of the albedo, before all others; 0: none */
     uint8_t input;    /* the tensor that the network proper sees */
     unsigned levels;  /* number of 2x poolings: sizes are multiples of 1 << levels */
     unsigned overlap; /* pixels beside a strip that the output depends on, and ... */

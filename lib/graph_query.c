@@ -4,7 +4,7 @@
 unsigned lull_layer_own_outputs(const lull_layer *layer)
 {
     int is_second = layer->op == LULL_OP_HEAD && layer->level == 0 && layer->first == 0;
-    return is_second ? LULL_HEAD0_SPLIT : layer->outputs; /* a prefilter's head has as many */
+    return is_second ? LULL_HEAD0_SPLIT : layer->outputs;
 }
 
 int lull_graph_is_local(const lull_graph *graph, unsigned tensor)
@@ -40,7 +40,7 @@ unsigned lull_graph_mixed_by(const lull_graph *graph)
 
 int lull_layer_makes_codes(const lull_layer *layer)
 {
-    return lull_layer_is_conv(layer) || layer->op == LULL_OP_PICK || layer->op == LULL_OP_ENCODE;
+    return lull_layer_is_conv(layer) || layer->op == LULL_OP_ENCODE;
 }
 
 int lull_graph_planes(const lull_graph *graph, unsigned tensor)

@@ -181,6 +181,12 @@ LULL_INLINE float lull_cell_part(unsigned side, int i)
     return ((float)((i + (int)side / 2) % (int)side) + 0.5f) * (1.0f / (float)side);
 }
 
+/* Cells that pixels lie in. */
+LULL_INLINE unsigned lull_cell_count(unsigned side, unsigned pixels)
+{
+    return (pixels + side - 1) / side;
+}
+
 /* ---- Regression on normals and albedo -------------------------------------------------------- */
 
 #define LULL_FIT_SIDE 8u     /* pixels of a cell, in either direction */
@@ -363,28 +369,38 @@ LULL_INLINE float lull_pixel_share(float share, uint8_t noise)
     return share * (w < 1.0f ? w : 1.0f);
 }
 
-/* ---- The albedo as it is where light is steady ----------------------------------------------- */
+/* ---- Grain of the albedo --------------------------------------------------------------------- */
 
-#define LULL_STEADY_BESIDE 2    /* runs on either side that count, too */
-#define LULL_STEADY_REACH 64u   /* columns to either side on which a pixel's share depends */
-#define LULL_STEADY_CODES 2     /* second differences of codes, at most */
+#define LULL_GRAIN_SIDE 8u  /* pixels of a cell, in either direction */
+#define LULL_GRAIN_LEVEL 3u /* log2 of it */
+#define LULL_GRAIN_STEPS 4u /* to a neighbour: right, below, below right, below left */
+#define LULL_GRAIN_SUMS (6u + LULL_GRAIN_STEPS) /* of a cell: 1, L, L L, r, g, b, squared steps */
+#define LULL_GRAIN_STRAIGHT 0.5714286f /* half of a step's square by pixels: 7 pairs of 8, ... */
+#define LULL_GRAIN_DIAGONAL 0.6530612f /* ... 49 of 64 */
+#define LULL_GRAIN_FLAT 16.0f
+#define LULL_GRAIN_MOST 0.00024414062f /* 1 by the variance from which on all may go */
 
-/* 1 if the code c of light lies between those of its neighbours as smooth surfaces have it; nothing
- * (0) tells nothing. */
-LULL_INLINE uint32_t lull_is_steady(int before, int c, int after)
+/* L of the codes of an albedo. */
+LULL_INLINE int lull_grain_light(const uint8_t *code)
 {
-    int bend = 2 * c - before - after;
-    return before > 0 && c > 0 && after > 0 && bend <= LULL_STEADY_CODES &&
-           bend >= -LULL_STEADY_CODES;
+    return (code[0] + 2 * code[1] + code[2]) >> 2;
 }
 
-/* The share of the prefiltered albedo of a run, from sums over those around: all of it up to a
- * fifth of steady pixels, none from two fifths on. */
-LULL_INLINE float lull_unsteady_share(float pixels, float steady)
+/* Of a cell, from the sums of it and those around it: the share of the mean in the albedo, and the
+ * mean. */
+LULL_INLINE void lull_grain(float *cell, const float *sums)
 {
-    float share = 2.0f - steady * (1.0f / pixels) * 5.0f;
-    share = share > 0.0f ? share : 0.0f;
-    return share < 1.0f ? share : 1.0f;
+    float m = 1.0f / sums[0], mean = sums[1] * m, v = sums[2] * m - mean * mean;
+    float steps = (sums[6] < sums[7] ? sums[6] : sums[7]) * LULL_GRAIN_STRAIGHT;
+    float diagonal = (sums[8] < sums[9] ? sums[8] : sums[9]) * LULL_GRAIN_DIAGONAL;
+    float white = 1.0f / (v > LULL_GRAIN_FLAT ? v : LULL_GRAIN_FLAT), much;
+    white = (((steps < diagonal ? steps : diagonal) * m) * white) * 5.0f - 3.5f;
+    much = (v - LULL_GRAIN_FLAT) * LULL_GRAIN_MOST;
+    white = white > 0.0f ? white : 0.0f;
+    much = much > 0.0f ? much : 0.0f;
+    cell[0] = (white < 1.0f ? white : 1.0f) * (much < 1.0f ? much : 1.0f);
+    for (int c = 0; c < 3; c++)
+        cell[1 + c] = lull_sane((sums[3 + c] * m) * (1.0f / 255.0f), 1.0f, 0.0f, 1.0f);
 }
 
 #endif

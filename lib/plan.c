@@ -56,12 +56,12 @@ static void play(lull_plan *plan)
         lull_plan_set_done(plan, LULL_TENSOR_INPUT, rows);
         lull_plan_set_done(plan, LULL_TENSOR_RADIANCE, rows);
         if (plan->keeps_rows)
-            lull_plan_set_aux(plan, LULL_AUX_ALL, rows);
+            lull_plan_set_aux(plan, rows);
         for (unsigned i = 0; i < LULL_LOADED; i++)
             grow_ring(plan, lull_loaded[i]);
         for (unsigned l = 0; l < graph->layers; l++) {
             if (lull_plan_brings(plan, l) && !plan->keeps_rows) {
-                lull_plan_set_aux(plan, lull_plan_brings(plan, l), lull_plan_aux_rows(plan, l));
+                lull_plan_set_aux(plan, lull_plan_aux_rows(plan, l));
                 grow_ring(plan, LULL_TENSOR_ALBEDO);
                 grow_ring(plan, LULL_TENSOR_GUIDE);
                 grow_ring(plan, LULL_TENSOR_NORMAL);
@@ -240,7 +240,7 @@ static size_t layout_rings(lull_plan *plan, size_t *total)
         lull_ring *ring = &plan->ring[t];
         size_t row, width;
         int planes = lull_graph_planes(graph, t);
-        if (!lull_plan_has(plan, t))
+        if (!lull_plan_has(plan, t) || (graph->before && t == graph->input))
             continue;
         if (lull_graph_is_local(graph, t))
             ring->rows = 0;
@@ -259,6 +259,7 @@ static size_t layout_rings(lull_plan *plan, size_t *total)
         ring->offset = (uint32_t)(lull_append(total, row * ring->rows) / LULL_ALIGN);
         longest = longest > row || !ring->rows ? longest : row;
     }
+    plan->ring[graph->input] = plan->ring[LULL_TENSOR_INPUT]; /* the same memory */
     return longest;
 }
 

@@ -103,17 +103,14 @@ int lull_plan_has(const lull_plan *plan, unsigned tensor);
 /* 1 if layer l works on an albedo that this frame lacks: its turns do nothing. */
 int lull_plan_is_idle(const lull_plan *plan, unsigned l);
 
-/* Tensors made of auxiliary images. */
-enum { LULL_AUX_ALBEDO = 1, LULL_AUX_OTHERS = 2, LULL_AUX_ALL = 3 };
-
-/* Those that layer l is the first to need. */
-unsigned lull_plan_brings(const lull_plan *plan, unsigned l);
+/* 1 if layer l is the first to need the tensors made of auxiliary images. */
+int lull_plan_brings(const lull_plan *plan, unsigned l);
 
 /* Rows of them that it needs for its turn, where rows are not kept. */
 unsigned lull_plan_aux_rows(const lull_plan *plan, unsigned l);
 
-/* Notes that so many rows of these tensors are made. */
-void lull_plan_set_aux(lull_plan *plan, unsigned which, unsigned rows);
+/* Notes that so many rows of them are made. */
+void lull_plan_set_aux(lull_plan *plan, unsigned rows);
 
 /* Bands of columns that loops are cut in, so that each thread has the same one in every loop; 1 if
  * there are more threads than few. */

@@ -71,34 +71,25 @@ int lull_plan_is_idle(const lull_plan *plan, unsigned l)
     return l < plan->model->graph.before && !lull_plan_has(plan, LULL_TENSOR_ALBEDO);
 }
 
-unsigned lull_plan_brings(const lull_plan *plan, unsigned l)
+int lull_plan_brings(const lull_plan *plan, unsigned l)
 {
-    const lull_graph *graph = &plan->model->graph;
-    if (graph->layer[l].op == LULL_OP_PREFILTER)
-        return LULL_AUX_ALBEDO;
-    if (graph->layer[l].op == LULL_OP_SMOOTH)
-        return graph->before ? LULL_AUX_OTHERS : LULL_AUX_ALL;
-    return 0;
+    return plan->model->graph.layer[l].op == LULL_OP_SMOOTH;
 }
 
-void lull_plan_set_aux(lull_plan *plan, unsigned which, unsigned rows)
+void lull_plan_set_aux(lull_plan *plan, unsigned rows)
 {
-    if (which & LULL_AUX_ALBEDO)
-        lull_plan_set_done(plan, LULL_TENSOR_ALBEDO, rows);
-    if (which & LULL_AUX_OTHERS) {
-        lull_plan_set_done(plan, LULL_TENSOR_GUIDE, rows);
-        lull_plan_set_done(plan, LULL_TENSOR_NORMAL, rows);
-    }
+    lull_plan_set_done(plan, LULL_TENSOR_ALBEDO, rows);
+    lull_plan_set_done(plan, LULL_TENSOR_GUIDE, rows);
+    lull_plan_set_done(plan, LULL_TENSOR_NORMAL, rows);
 }
 
 unsigned lull_plan_aux_rows(const lull_plan *plan, unsigned l)
 {
-    const lull_graph *graph = &plan->model->graph;
-    unsigned first = lull_plan_brings(plan, l) & LULL_AUX_ALBEDO ? LULL_TENSOR_ALBEDO
-                                                                 : LULL_TENSOR_GUIDE;
-    unsigned rows = lull_plan_done(plan, graph->layer[l].source[1]);
-    rows = lull_min_u(rows, lull_plan_done(plan, l + 1) + plan->row_step) + 2;
-    return lull_max_u(lull_min_u(rows, plan->height), lull_plan_done(plan, first));
+    unsigned done = lull_plan_done(plan, l + 1), rows;
+    rows = lull_min_u(lull_plan_done(plan, plan->model->graph.layer[l].source[1]),
+                      done + plan->row_step);
+    rows = rows > done ? rows + 2 : 0; /* not before the turn: grain is known then */
+    return lull_max_u(lull_min_u(rows, plan->height), lull_plan_done(plan, LULL_TENSOR_ALBEDO));
 }
 
 /* Rows of layer l in a turn, after pooling. */
@@ -153,7 +144,8 @@ unsigned lull_plan_alive(const lull_plan *plan, unsigned tensor)
     for (unsigned l = 0; l < graph->layers; l++) {
         const lull_layer *layer = &graph->layer[l];
         for (unsigned s = 0; s < LULL_MAX_SOURCES; s++)
-            if (layer->source[s] == tensor)
+            if (layer->source[s] == tensor ||
+                (tensor == LULL_TENSOR_INPUT && layer->source[s] == graph->input))
                 needed = lull_min_u(needed,
                                     rows_needed((lull_reads)layer->reads[s],
                                                 lull_plan_done(plan, l + 1) << layer->pool));

@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from training import color, kernel_model, prefilter
+from training import color, kernel_model
 from training.augment import DARKEST, DEFOCUS_SPP, MINIFIED, PLAIN, SHADOW_P, Augment, \
     add_fireflies, blurred, defocused, figure, hits_by_chance, minified, texture, zoomed
 from training.errors import DATA, ToolError
@@ -27,7 +27,7 @@ CLEANER = 16                    # samples of a target that inputs are blended to
 CLEAN_SPP = 256                 # samples of a target that hardly shows its own noise
 LEAST_NOISE = 0.2, 0.03         # that blending leaves: of targets with fewer samples, of clean ones
 ON_LIGHT = ("fireflies", "hits", "collage", "texture", "zoom", "blur", "defocus")  # of Augment,
-ON_ALBEDO = ON_LIGHT[2:]  # those for albedo; "minify": before a tile is cut
+#   tile by tile; "minify" is drawn before the tile is cut
 BLACK_P = 0.01                  # tiles made black: aux features alone are no light
 
 
@@ -113,7 +113,7 @@ class Batches:
                  batch_size: int, tile: int, seed: int, augment: Augment = PLAIN,
                  clean_aux: bool = False, rank: int = 0, world: int = 1, family: str = "U"):
         self.pictures, self.main, self.seed, self.augment = pictures, main, seed, augment
-        self.family, self.able = family, ON_ALBEDO if family == "P" else ()
+        self.family = family
         self.tile, self.clean_aux, self.batch_size = tile, clean_aux, batch_size
         self.rank, self.world = rank, world
         self.features = [f for f in FEATURES if f in features]
@@ -161,8 +161,6 @@ class Batches:
             y[:] = 0.0
         if self.family == "K":
             x = kernel_model.planes(x, self.features, *self.presence(rng), clipped)
-        elif self.family == "P":
-            x, y = prefilter.lit(x), prefilter.lit(y)
         tiles = [np.zeros((a.shape[-1], t, t), np.float32) for a in (x, y)]
         for tile, a in zip(tiles, (x, y)):
             tile[:, :a.shape[0], :a.shape[1]] = a.transpose(2, 0, 1)
@@ -176,7 +174,7 @@ class Batches:
     def factor(self, picture: Picture, rng: np.random.Generator) -> int:
         """Pixels across of the picture in one of a tile's."""
         most = min(MINIFIED, min(picture.target.shape[:2]) // self.tile)
-        share = self.augment.minify if self.main == "hdr" or self.family == "P" else 0.0
+        share = self.augment.minify if self.main == "hdr" else 0.0
         if not share or most < 2 or rng.random() >= share:
             return 1
         return int(rng.integers(2, most + 1))
@@ -201,8 +199,7 @@ class Batches:
             aux = np.average([v[cut][..., m:].astype(np.float32) for v in picture.inputs], 0,
                              picture.weights)
         xm, ym = x[..., :m], y[..., :m]
-        share = {k: getattr(a, k) if hdr or k in self.able else 0.0 for k in ON_LIGHT}
-        on = {k: p > 0 and rng.random() < p for k, p in share.items()}
+        on = {k: bool(hdr and getattr(a, k) > 0 and rng.random() < getattr(a, k)) for k in ON_LIGHT}
         on["zoom"] &= picture.target_spp >= CLEANER * spp and factor == 1
         count = round(factor ** (2 * rng.random() ** 2)) if factor > 1 else 1
         spp *= count
@@ -251,7 +248,7 @@ class Batches:
         cut = random_cut(other.target, h, w, rng)
         codes, target = other.inputs[k][cut], other.target[cut]
         features = target if clean and target.shape[-1] > m else codes
-        gain = np.float32(2.0 ** (rng.uniform(-3, 3) if self.family != "P" else 0.0))
+        gain = np.float32(2.0 ** rng.uniform(-3, 3))
         share = figure(h, w, rng, spp / noise**2)
         edge = (share > 0) & (share < 1)
         drawn = share.copy()
@@ -268,8 +265,8 @@ class Batches:
         the albedo too, unless it is a shadow."""
         h, w, m = *y.shape[:2], self.main_channels
         f, seen, true = self.features, None, None
-        at = 3 * f.index("alb") if "alb" in f else -1
-        if at >= 0 and rng.random() < 0.4:
+        at = 3 * f.index("alb") if "alb" in f else 0
+        if at and rng.random() < 0.4:
             other = self.pictures[int(rng.integers(len(self.pictures)))].target
             if other.shape[-1] > at:
                 albedo = other[random_cut(other, h, w, rng)][..., at:at + 3]
@@ -278,7 +275,7 @@ class Batches:
             seen, true = texture(h, w, spp, rng)
         if rng.random() < SHADOW_P:
             seen = true = true.mean(-1, keepdims=True)
-        elif at > 0:
+        elif at:
             aux = aux.astype(np.float32)
             aux[..., at - m:at - m + 3] *= seen
         return x * seen, aux, y * true

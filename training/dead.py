@@ -26,7 +26,7 @@ class Channels:
 
     def __init__(self, model: nn.Module):
         net = model.net
-        layers = net.layers[:-1] if net.family == "U" else net.layers
+        layers = net.layers if net.family == "K" else net.layers[:-1]
         self.biases = {layer.name: getattr(model, layer.name).bias for layer in layers}
         self.alive, self.steps = None, 0
 

@@ -24,7 +24,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from training import color, errors, kernel_model, metrics, parallel, prefilter
+from training import color, errors, kernel_model, metrics, parallel
 from training.auxiliary import load_prefilters, run_network
 from training.errors import DATA, ToolError
 from training.features import encode, load
@@ -53,8 +53,6 @@ class Denoiser:
             codes = p.apply(codes, self.features)
         if self.model.net.family == "K":
             codes = kernel_model.planes(codes, self.features)
-        elif self.model.net.family == "P":
-            codes = prefilter.lit(codes)
         m = CHANNELS[self.main]
         out = np.concatenate([run_network(self.model, np.concatenate(
             [codes[..., k:min(k + 3, m)], codes[..., m:]], -1)) for k in range(0, m, 3)], -1)

@@ -21,8 +21,6 @@ from export.quantize_kernel import (
     OPTIONS,
     KernelQuantizer,
     calibration_input,
-    picked,
-    read_prefilter,
     tensors_of,
     varied,
 )
@@ -56,23 +54,17 @@ def quantize(tensors: dict[str, torch.Tensor], settings: Settings, pictures: lis
     prune: pictures in which a channel of family K must be above 0 somewhere to stay; 0: all stay.
     """
     arrays = {k: np.asarray(v.detach().cpu().float(), np.float16) for k, v in tensors.items()}
-    if settings.get("family") == "P":
-        inputs = picked([albedo_input(x) for x in spread_codes(pictures, CALIBRATION)])
-        return KernelQuantizer(kernel.FloatTrunk(kernel.find_net(arrays, "P"), arrays), inputs,
-                               OPTIONS).run()
     if settings.get("family", "U") == "K":
         net = kernel.find_trunk(arrays, settings.result)
-        before = settings.get("prefilter")
-        before = read_prefilter(Path(before)) if before else None
         if prune:
             codes = spread_codes(pictures, prune)
             active = active_channels(kernel.FloatTrunk(net, arrays), (
-                kernel_input(x, settings, i, before) for i, x in enumerate(codes)))
+                kernel_input(x, settings, i) for i, x in enumerate(codes)))
             arrays = without_silent(net, arrays, active, net.heads)
-        inputs = [kernel_input(x, settings, i, before)
+        inputs = [kernel_input(x, settings, i)
                   for i, x in enumerate(spread_codes(pictures, CALIBRATION))]
         model = KernelQuantizer(kernel.FloatTrunk(net, arrays), inputs, OPTIONS).run()
-        model.bilateral, model.prefilter = settings.get("bilateral") or 0, before
+        model.bilateral = settings.get("bilateral") or 0
         return model
     if prune:
         raise ToolError("--prune is for family K", USAGE)
@@ -91,13 +83,7 @@ def spread_codes(pictures: list[Picture], count: int) -> list[np.ndarray]:
     return [p.inputs[i % len(p.inputs)].astype(np.float32) for i, p in enumerate(chosen)]
 
 
-def albedo_input(albedo: np.ndarray) -> np.ndarray:
-    """Calibration input of family K with nothing but an albedo [H,W,3]."""
-    return calibration_input({"color": np.zeros_like(albedo), "albedo": albedo})
-
-
-def kernel_input(codes: np.ndarray, settings: Settings, index: int,
-                 prefilter: kernel.IntTrunk | None = None) -> np.ndarray:
+def kernel_input(codes: np.ndarray, settings: Settings, index: int) -> np.ndarray:
     """Calibration input of family K from the codes of a picture; features and content change."""
     images, at = {}, 0
     for feature in settings.features:
@@ -107,8 +93,8 @@ def kernel_input(codes: np.ndarray, settings: Settings, index: int,
             part = color.TRANSFERS[settings.transfer].inverse(part)
         images[FEATURES[feature]] = (part * 2 - 1 if feature == "nrm" else part).astype(np.float32)
     if settings.main_feature == "ldr":
-        return calibration_input(images, "ldr", prefilter)
-    return calibration_input(*varied(images, index, not settings.get("drop_features")), prefilter)
+        return calibration_input(images, "ldr")
+    return calibration_input(*varied(images, index, not settings.get("drop_features")))
 
 
 def calibration_pictures(settings: Settings, count: int = CALIBRATION,
@@ -182,8 +168,6 @@ def quantize_aware(result: Result, settings: Settings, pictures: list[Picture],
     say(f"Integer model: {s.quantize_aware} steps" + (f" from {state['step']}" if state else ""))
     model = quantize(float_tensors, s, pictures)
     family = s.get("family", "U")
-    if family == "P":
-        raise ToolError("--quantize_aware is not for family P, which loses nothing", USAGE)
     net = IntegerKernel(model, s.transfer) if family == "K" else IntegerNet(model)
     augment = Augment.of(s)
     if s.main_feature == "hdr" and not augment.exposure:

@@ -13,20 +13,6 @@ from training.kernel_filter import STEP
 from training.quantize_aware import IntegerHead, IntegerLayer
 
 
-def integer_layers(model: IntTrunk) -> nn.ModuleList:
-    return nn.ModuleList((IntegerHead if x.layer.name in model.net.heads else IntegerLayer)(x)
-                         for x in model.layers)
-
-
-def run(layers: nn.ModuleList, heads: tuple[str, ...], codes: Tensor) -> list[Tensor]:
-    """Input (codes / 255) -> heads by level: logits."""
-    maps = {"input": (codes * 255.0).round().to(layers[0].weight.dtype)}
-    for layer in layers:
-        skip = maps[layer.layer.skip] if layer.layer.skip else None
-        maps[layer.layer.name] = layer(maps[layer.layer.source], skip)
-    return [(maps[name] / STEP).to(codes.dtype) for name in heads]
-
-
 class IntegerKernel(nn.Module):
     """An integer K model as a torch module: [N,12,H,W] codes of `planes` -> [N,3,H,W] codes; in
     evaluation mode with the smoothing along the result if the model has it."""
@@ -34,25 +20,24 @@ class IntegerKernel(nn.Module):
     def __init__(self, model: IntTrunk, transfer: str):
         super().__init__()
         self.net, self.transfer, self.bilateral = model.net, transfer, model.bilateral
-        self.before = model.prefilter  # stays as it is
-        before = integer_layers(model.prefilter) if model.prefilter else nn.ModuleList()
-        self.layers_before = before.requires_grad_(False)
-        self.layers = integer_layers(model)
+        self.layers = nn.ModuleList(
+            (IntegerHead if x.layer.name in model.net.heads else IntegerLayer)(x)
+            for x in model.layers)
 
     def trunk(self, codes: Tensor) -> list[Tensor]:
-        return run(self.layers, self.net.heads, codes)
-
-    def prefilter(self, codes: Tensor) -> list[Tensor]:
-        return run(self.layers_before, self.before.net.heads, codes)
+        """Input (codes / 255) -> heads by level: logits."""
+        maps = {"input": (codes * 255.0).round().to(self.layers[0].weight.dtype)}
+        for layer in self.layers:
+            skip = maps[layer.layer.skip] if layer.layer.skip else None
+            maps[layer.layer.name] = layer(maps[layer.layer.source], skip)
+        return [(maps[name] / STEP).to(codes.dtype) for name in self.net.heads]
 
     def forward(self, x: Tensor) -> Tensor:
         return kernel_model.run(self.trunk, self.transfer, x,
-                                bilateral=0 if self.training else self.bilateral,
-                                prefilter=self.prefilter if self.before else None)
+                                bilateral=0 if self.training else self.bilateral)
 
     def integer_model(self) -> IntTrunk:
         """The model as it is now; ModelError if sums could leave 32 bits."""
         model = IntTrunk(self.net, [x.rounded() for x in self.layers], self.bilateral)
-        model.prefilter = self.before
         check_trunk(model, "trained model")
         return model

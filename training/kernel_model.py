@@ -10,14 +10,14 @@ from collections.abc import Callable
 
 import numpy as np
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
-from export.kernel import PICKED, without_black
+from export.kernel import LAST_STEPS, without_black
 from training import color
+from training.grain import without_grain
 from training.kernel_filter import apply_filter, smooth_result
 from training.kernel_net import KernelNet, encode, padded_heads
 from training.pointwise import from_codes, to_codes
-from training.prefilter import filtered, unsteady
 from training.trunk import arithmetic
 
 PLANES = 12     # 0-2 radiance code, 3-5 albedo, 6-8 normal code, 9-11 flags (below)
@@ -46,34 +46,30 @@ def planes(codes: np.ndarray, features: list[str], has_albedo: bool = True,
 
 
 def run(trunk: Callable[[Tensor], list[Tensor]], transfer: str, x: Tensor,
-        kind: torch.dtype = torch.float32, bilateral: int = 0, prefilter=None) -> Tensor:
+        kind: torch.dtype = torch.float32, bilateral: int = 0) -> Tensor:
     """Codes [N,12,H,W] -> codes [N,3,H,W] of the filtered radiance, any height and width.
 
     trunk: network input (codes / 255) in `kind`, sides multiples of ALIGN -> heads by level.
-    bilateral: export.kernel.BILATERAL, the last steps, which have no weights; 0 without.
-    prefilter: the trunk of what filters the albedo before; no gradient passes it.
+    bilateral: export.kernel.BILATERAL, steps before and after that have no weights; 0 without.
     """
     radiance = from_codes(transfer, x[:, :3])
     codes = given = encode(radiance, x, kind)
-    if prefilter is not None:
-        with torch.no_grad():
-            albedo = filtered(prefilter, x[:, 3:6], codes[:, PICKED], x[:, 9:10]).to(x.dtype)
-            share = unsteady((codes[:, 1:2].to(x.dtype) * 255.0).round())
-        x = torch.cat((x[:, :3], torch.lerp(x[:, 3:6], albedo, share), x[:, 6:]), 1)
-        codes = encode(radiance, x, kind)
+    albedo = x[:, 3:6]
+    if bilateral and LAST_STEPS[bilateral].cleans:
+        albedo = without_grain(albedo, x[:, 9:10])
+        codes = encode(radiance, torch.cat((x[:, :3], albedo, x[:, 6:]), 1), kind)
     heads = padded_heads(trunk, codes)
-    out, smooth, noise = apply_filter(heads, radiance, x[:, 3:6], x[:, 9:10])
+    out, smooth, noise = apply_filter(heads, radiance, albedo, x[:, 9:10])
     if bilateral:
-        codes = (given.to(x.dtype) * 255.0).round()
+        given = (given.to(x.dtype) * 255.0).round()
         normal = (2.0 * x[:, 6:9] - 1.0) * x[:, 10:11]
-        out = smooth_result(out, smooth, noise, radiance, codes, normal, heads[0], bilateral)
+        out = smooth_result(out, smooth, noise, radiance, given, normal, heads[0], bilateral)
     return to_codes(transfer, out, LOWEST, color.HDR_MAX)
 
 
 class KernelModel(KernelNet):
     """A K net that maps the codes of `planes` to those of the result.
 
-    Its prefilter, if `behind` gave it one, is no part of its weights, and training leaves it alone.
     bilateral: that of `run`, in evaluation mode; in training only if `learns_last_steps`."""
 
     align = 1  # it pads by itself
@@ -85,20 +81,4 @@ class KernelModel(KernelNet):
 
     def forward(self, x: Tensor) -> Tensor:
         return run(self.trunk, self.transfer, x, arithmetic(x),
-                   bilateral=self.bilateral * (self.learns_last_steps or not self.training),
-                   prefilter=self.frozen and self.frozen.trunk)
-
-    @property
-    def frozen(self):
-        return self.__dict__.get("frozen_prefilter")
-
-    def behind(self, prefilter: nn.Module | None) -> KernelModel:
-        """This model, behind that prefilter."""
-        self.__dict__["frozen_prefilter"] = prefilter and prefilter.eval().requires_grad_(False)
-        return self
-
-    def _apply(self, fn, recurse: bool = True):
-        """To another device or type, with the prefilter."""
-        if self.frozen is not None:
-            self.frozen._apply(fn)
-        return super()._apply(fn, recurse)
+                   bilateral=self.bilateral * (self.learns_last_steps or not self.training))

@@ -15,7 +15,7 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from training import fused
-from training.kernel_filter import EPS, RADIANCE_MAX, Round, apply_filter, planar
+from training.kernel_filter import EPS, LEVELS, RADIANCE_MAX, Round, apply_filter, planar
 from training.trunk import Conv, Trunk, usable
 
 INPUTS = 12
@@ -93,21 +93,19 @@ def padded_heads(trunk: Callable[[Tensor], list[Tensor]], codes: Tensor) -> list
     return [head[..., :-(-h >> s), :-(-w >> s)] for s, head in enumerate(heads)]
 
 
-class HeadedNet(nn.Module):
-    """Layers of nets.def that end in 1x1 heads; `widths`: of the layers, `head_widths`: of the
-    heads by level."""
+class KernelNet(nn.Module):
+    """The trunk and heads of a K net; `forward` filters an image with them."""
 
-    def __init__(self, net, heads: list[Head], widths: list[int], inputs: int,
-                 head_widths: tuple[int, ...]):
+    def __init__(self, net, heads: list[Head], widths: list[int]):
         super().__init__()
-        self.net, self.heads, self.inputs, self.outputs = net, heads, inputs, 3
-        out = {"input": inputs}
+        self.net, self.heads, self.inputs, self.outputs = net, heads, INPUTS, 3
+        out = {"input": INPUTS}
         for layer, width in zip(net.layers, widths, strict=True):
             cin = out[layer.source] + (out[layer.skip] if layer.skip else 0)
             self.add_module(layer.name, nn.Conv2d(cin, width, 3, padding=1))
             out[layer.name] = width
         for head in heads:
-            conv = nn.Conv2d(out[head.source], head_widths[head.level], 1)
+            conv = nn.Conv2d(out[head.source], HEAD_WIDTHS[head.level], 1)
             with torch.no_grad():
                 conv.bias.fill_(8.0)
                 conv.weight.mul_(0.3)
@@ -117,13 +115,12 @@ class HeadedNet(nn.Module):
                                               for x in heads]
 
     def trunk(self, x: Tensor) -> list[Tensor]:
-        """Input codes [N,inputs,H,W] -> heads by level [N,C,H/2^s,W/2^s], logits before rounding.
-        """
-        levels = [head.level for head in self.heads]
+        """Input codes [N,12,H,W] -> heads by level [N,C,H/2^s,W/2^s], logits before rounding."""
         if usable(x):
             modules = [getattr(self, conv.name) for conv in self.convs]
             found = Trunk.apply(self.convs, x, *(p for m in modules for p in (m.weight, m.bias)))
-            return [found[levels.index(level)] for level in sorted(levels)]
+            levels = [head.level for head in self.heads]
+            return [found[levels.index(level)] for level in range(LEVELS)]
         values = {"input": x}
         for layer in self.net.layers:
             y = values[layer.source]
@@ -133,10 +130,16 @@ class HeadedNet(nn.Module):
                 y = torch.cat((y, values[layer.skip]), 1)
             y = F.relu_(getattr(self, layer.name)(y))
             values[layer.name] = F.max_pool2d(y, 2) if layer.pool == 2 else y
-        heads = [None] * len(levels)
+        heads = [None] * LEVELS
         for head in self.heads:
             heads[head.level] = getattr(self, head.name)(values[head.source])
         return heads
+
+    def forward(self, codes: Tensor, radiance: Tensor, albedo: Tensor,
+                has_albedo: Tensor) -> Tensor:
+        """Filtered radiance. radiance (exposed) and albedo [N,3,H,W], has_albedo [N,1,H,W]."""
+        heads = self.trunk(codes)
+        return apply_filter(heads, radiance, albedo, has_albedo)[0]
 
     def macs_per_pixel(self) -> float:
         """Multiply-adds of the network per pixel, unfolded."""
@@ -148,16 +151,3 @@ class HeadedNet(nn.Module):
         for head in self.heads:
             total += getattr(self, head.name).weight.numel() / 4**head.level
         return total
-
-
-class KernelNet(HeadedNet):
-    """The trunk and heads of a K net; `forward` filters an image with them."""
-
-    def __init__(self, net, heads: list[Head], widths: list[int]):
-        super().__init__(net, heads, widths, INPUTS, HEAD_WIDTHS)
-
-    def forward(self, codes: Tensor, radiance: Tensor, albedo: Tensor,
-                has_albedo: Tensor) -> Tensor:
-        """Filtered radiance. radiance (exposed) and albedo [N,3,H,W], has_albedo [N,1,H,W]."""
-        heads = self.trunk(codes)
-        return apply_filter(heads, radiance, albedo, has_albedo)[0]

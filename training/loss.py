@@ -22,7 +22,6 @@ BLUR_BY_MATRIX = 256  # sides of tiles whose Gaussian means are products of matr
 Loss = Callable[[Tensor, Tensor], Tensor]  # of outputs and targets
 
 LEAST_MSE = 1e-6  # of what counts as exact: 60 dB
-RELATIVE_TO, LEAST_RELATIVE, LEAST_ALBEDO = 0.05, 1e-5, 1e-4
 LEAST_NOISE, USUAL_NOISE = 0.005, 0.05  # mean differences of codes of input and target
 
 
@@ -158,25 +157,12 @@ def log_mse(a: Tensor, b: Tensor, transfer: str, ssim_weight: float = 0.0) -> Te
     return loss + ssim_weight * (1.0 - ssim_value(shown_a, shown_b)) if ssim_weight else loss
 
 
-def log_relative(a: Tensor, b: Tensor, ssim_weight: float = 0.0) -> Tensor:
-    """As log_mse, of differences relative to b + RELATIVE_TO: of albedo, by which light is divided.
-
-    ssim_weight: of what SSIM of the roots lacks to 1."""
-    a, b = a.float(), b.float()
-    error = ((a - b) / (b + RELATIVE_TO)).square().clamp(max=4.0).mean((1, 2, 3))
-    loss = 0.5 * torch.log1p(error / LEAST_RELATIVE).mean()
-    if not ssim_weight:
-        return loss
-    roots = [x.clamp(min=LEAST_ALBEDO).sqrt() for x in (a, b)]
-    return loss + ssim_weight * (1.0 - ssim_value(*roots))
-
-
 @dataclass(frozen=True)
 class Parameters:
     """What some of the losses depend on."""
     weights: tuple[float, ...] = STANDARD_WEIGHTS  # exponents of MS-SSIM's scales, finest first
     transfer: str = "pu"                           # that of the images
-    ssim_weight: float = 1.0                       # that of log_mse_ssim and log_relative
+    ssim_weight: float = 1.0                       # that of log_mse_ssim
 
 
 def _msssim(a: Tensor, b: Tensor, p: Parameters) -> Tensor:
@@ -193,7 +179,6 @@ LOSSES: dict[str, Callable[[Tensor, Tensor, Parameters], Tensor]] = {
     "l1_msssim": lambda a, b, p: 0.16 * l1(a, b) + 0.84 * _msssim(a, b, p),
     "l1_grad": lambda a, b, p: l1_grad(a, b),
     "log_mse": lambda a, b, p: log_mse(a, b, p.transfer),
-    "log_relative": lambda a, b, p: log_relative(a, b, p.ssim_weight),
     "log_mse_ssim": lambda a, b, p: log_mse(a, b, p.transfer, p.ssim_weight),
 }
 

@@ -19,7 +19,6 @@ from torch import Tensor, nn
 from export.kernel import BILATERAL
 from training.kernel_model import KernelModel
 from training.kernel_net import parse_heads
-from training.prefilter import PrefilterModel
 
 ROOT = Path(__file__).resolve().parent.parent
 NETS_DEF = ROOT / "lib" / "nets.def"
@@ -154,47 +153,24 @@ def find_model(model: str) -> tuple[Topology, list[int]]:
 def build(model: str, inputs: int, outputs: int = 3) -> nn.Module:
     """A fresh model; `inputs` and `outputs` are those of family U, family K has its own."""
     net, widths = find_model(model)
-    return _module(net, inputs, [*widths, outputs] if net.family == "U" else widths)
+    return _module(net, inputs, widths if net.family == "K" else [*widths, outputs])
 
 
 def _module(net: Topology, inputs: int, widths: list[int]) -> nn.Module:
-    if net.family == "U":
-        return DirectNet(net, inputs, widths)
-    kind = KernelModel if net.family == "K" else PrefilterModel
-    return kind(net, parse_heads(NETS_DEF.read_text(), net.name), widths)
+    if net.family == "K":
+        return KernelModel(net, parse_heads(NETS_DEF.read_text(), net.name), widths)
+    return DirectNet(net, inputs, widths)
 
 
 def from_tensors(tensors: dict) -> nn.Module:
     """The module of a weights file's tensors (arrays by name); channel widths are their shapes."""
     net = identify(list(tensors))
-    model = _loaded(net, tensors)
-    if BILATERAL in tensors:
-        model.bilateral = int(tensors[BILATERAL][0])
-    return model.behind(prefilter_of(tensors)) if net.family == "K" else model
-
-
-def prefilter_of(tensors: dict) -> PrefilterModel | None:
-    """The prefilter whose tensors are among these, if there is one."""
-    net = _prefilter_net()
-    return _loaded(net, tensors) if f"{net.key}.weight" in tensors else None
-
-
-def without_prefilter(tensors: dict) -> dict:
-    """The tensors less those of a prefilter."""
-    net = _prefilter_net()
-    names = {net.key, *(layer.name for layer in net.layers)}
-    return {k: v for k, v in tensors.items() if k.partition(".")[0] not in names}
-
-
-def _prefilter_net() -> Topology:
-    return next(net for net in parse_nets().values() if net.family == "P")
-
-
-def _loaded(net: Topology, tensors: dict) -> nn.Module:
     widths = [int(tensors[f"{layer.name}.bias"].shape[0]) for layer in net.layers]
     model = _module(net, int(tensors[f"{net.layers[0].name}.weight"].shape[1]), widths)
     wanted = model.state_dict()
     model.load_state_dict({k: _tensor(tensors[k]) for k in wanted})
+    if BILATERAL in tensors:
+        model.bilateral = int(tensors[BILATERAL][0])
     return model
 
 

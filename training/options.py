@@ -14,8 +14,7 @@ SCRIPTS = {"preprocess": "P", "train": "T", "find_lr": "L", "infer": "I", "expor
            "visualize": "V", "convert_image": "C", "compare_image": "Q", "split_exr": "Z",
            "doctor": "D"}
 MODEL_BY_QUALITY = {"high": "unet_large", "balanced": "unet", "fast": "unet_small"}
-MODEL_BY_NET = {"kernel5": "k16", "prefilter": "prefilter", "unet": "unet",
-                "unet_large": "unet_large"}
+MODEL_BY_NET = {"kernel5": "k16", "unet": "unet", "unet_large": "unet_large"}
 LR_PER_SAMPLE = {"unet_large": 2.679e-6, "unet_xl": 2.679e-6}  # of a batch; others:
 LR_PER_SAMPLE_DEFAULT = 3.125e-6
 # Defaults that follow from the family of the model; U's are Open Image Denoise's.
@@ -23,10 +22,8 @@ BY_FAMILY = {
     "U": {"batch_size": 16, "tile_size": 256, "loss": "l1_msssim", "learning_rate_warmup": 0.15,
           "grad_clip": 0.0, "drop_features": 0.0, "clip": 0.0, "optimizer": "adam"},
     "K": {"batch_size": 4, "tile_size": 128, "loss": "l1_grad", "learning_rate_warmup": 0.05,
-          "grad_clip": 1.0, "drop_features": 0.3, "clip": 0.12, "optimizer": "muon"},
-    "P": {"batch_size": 16, "tile_size": 64, "loss": "log_relative", "learning_rate_warmup": 0.05,
-          "grad_clip": 1.0, "drop_features": 0.0, "clip": 0.0, "optimizer": "muon"}}
-KERNEL_LR = 1e-3  # families K and P: the largest learning rate, times the root of the batch size
+          "grad_clip": 1.0, "drop_features": 0.3, "clip": 0.12, "optimizer": "muon"}}
+KERNEL_LR = 1e-3  # family K's largest learning rate, times the root of the batch size
 METRICS = ("psnr", "mse", "ssim", "msssim", "flip")
 POSITIONAL = {"features": 0, "target": 0, "input": 1, "images": 2}  # 0: may be missing
 
@@ -100,8 +97,7 @@ OPTIONS = (
     _o("--model -m", "TL", None, "model of configs/models.json, or topology:width,width,..."),
     _o("--loss -l", "TL", None, "loss function", choices=LOSSES),
     _o("--balance", "T", 0.0, "tiles weigh noise of their input to the power of -P", **FLOAT),
-    _o("--ssim_weight", "TL", 1.0, "log_mse_ssim, log_relative: weight of what SSIM lacks to 1",
-       **FLOAT),
+    _o("--ssim_weight", "TL", 1.0, "log_mse_ssim: weight of what SSIM lacks to 1", **FLOAT),
     _o("--msssim_weights", "TL", None, "MS-SSIM exponents, finest scale first", nargs="*",
        type=float),
     _o("--tile_size --ts", "TL", None, "side of the training tiles", **INT),
@@ -112,8 +108,6 @@ OPTIONS = (
     _o("--ema", "T", 0.999, "decay of the averaged weights; 0: none", **FLOAT),
     _o("--grad_clip", "T", None, "largest norm of the gradient; 0: any", **FLOAT),
     _o("--init", "T", None, "start from the weights of a result, or of a .pt or .tza (or int8)"),
-    _o("--prefilter", "T", None, "family K: filter the albedo before as this integer model (.tza) "
-       "does, a prefilter or a model with one"),
     _o("--teacher", "T", None, "a result, or a .pt or .tza (or int8), whose results are learnt"),
     _o("--teacher_share", "T", 0.8, "how far targets are moved to the teacher's results", **FLOAT),
     _o("--quantize_aware", "T", 0, "then train the integer model for this many steps", **INT),

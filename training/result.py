@@ -20,7 +20,6 @@ from training import nets
 from training.errors import STATE, ToolError
 from training.features import main_feature
 from training.imageio import replacing
-from training.prefilter import read_prefilter
 from training.settings import Settings, input_channels, output_channels
 
 
@@ -130,8 +129,6 @@ def make_model(settings: Settings) -> torch.nn.Module:
     if model.net.family == "K":
         model.transfer = settings.transfer
         model.bilateral, model.learns_last_steps = settings.get("bilateral") or 0, True
-        if settings.get("prefilter"):
-            model.behind(read_prefilter(settings.prefilter))
     return model
 
 

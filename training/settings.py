@@ -220,17 +220,12 @@ def _derive_model(v: dict[str, Any]) -> None:
         if other or v["main_feature"] not in ("hdr", "ldr"):
             raise ToolError(f"family K takes {' '.join(KERNEL_FEATURES)}, with hdr or ldr, not "
                             f"{' '.join(v['features'])}", USAGE)
-    elif v["drop_features"] or v["clip"] or v.get("bilateral") or v.get("prefilter"):
-        raise ToolError("--drop_features, --clip, --bilateral and --prefilter are options of "
-                        "family K", USAGE)
-    if net.family == "P" and v["features"] != ["alb"]:
-        raise ToolError(f"family P takes alb, not {' '.join(v['features'])}", USAGE)
-    if net.family == "P":
-        v["transfer"] = "linear"
+    elif v["drop_features"] or v["clip"] or v.get("bilateral"):
+        raise ToolError("--drop_features, --clip and --bilateral are options of family K", USAGE)
 
 
 def _derive_rates(v: dict[str, Any]) -> None:
-    if v["max_learning_rate"] is None and v["family"] != "U":
+    if v["max_learning_rate"] is None and v["family"] == "K":
         v["max_learning_rate"] = KERNEL_LR * v["batch_size"] ** 0.5
     elif v["max_learning_rate"] is None:
         rate = LR_PER_SAMPLE.get(v["model"], LR_PER_SAMPLE_DEFAULT)

@@ -36,7 +36,6 @@ from training.dead import REVIVED_UNTIL, Channels, report, revive
 from training.errors import DATA, INTERRUPTED, STATE, ToolError
 from training.integer_stage import quantize_aware
 from training.loss import balance, loss_of_settings
-from training.nets import without_prefilter
 from training.optimizer import Optimizer
 from training.result import Result, load_tensors, make_model, weights_of
 from training.scan import scan
@@ -94,10 +93,7 @@ def worker(settings: Settings, team: parallel.Team) -> None:
     torch.manual_seed(settings.seed)
     model = make_model(settings).to(team.device, memory_format=torch.channels_last)
     if settings.init and not resuming:
-        weights = weights_of(settings.init, settings.results_dir)
-        if model.net.family == "K":
-            weights = without_prefilter(weights)
-        weights, cut, added = fitted(model, weights)
+        weights, cut, added = fitted(model, weights_of(settings.init, settings.results_dir))
         load_tensors(model, weights, settings.init)
         if cut:
             say(f"Channels of {settings.init} that weigh most: {', '.join(cut)}")

@@ -107,9 +107,7 @@ class Trunk(torch.autograd.Function):
             if wanted:
                 gx = gx.contiguous(memory_format=torch.channels_last)
                 uses[conv.source].append((gx, 0))
-                if conv.skip and (conv.skip != "input" or ctx.needs_input_grad[1]):
+                if conv.skip:
                     uses[conv.skip].append((gx, ctx.channels[conv.source]))
-        (gx, first), = uses["input"] or [(None, 0)]  # one reader where that is wanted
-        assert not first
-        gx = None if gx is None else gx.to(ctx.kind)
+        gx = uses["input"][0][0].to(ctx.kind) if uses["input"] else None
         return None, gx, *ops.cast(grads, ctx.kind)

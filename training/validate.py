@@ -17,7 +17,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from training import color, kernel_model, metrics, prefilter
+from training import color, kernel_model, metrics
 from training.console import Bar
 from training.data import Picture
 from training.errors import ToolError
@@ -100,8 +100,6 @@ def score(model, valid: list[Picture], settings: Settings, loss_of: Callable, de
                     a = np.concatenate([source[..., take], source[..., m:]], -1)
                     if settings.get("family") == "K":
                         a = kernel_model.planes(a, settings.features)
-                    elif settings.get("family") == "P":
-                        a, target = prefilter.lit(a), prefilter.lit(target)
                     out = model(_chw(a).to(device, memory_format=torch.channels_last)).float()
                     want = _chw(target[..., take]).to(device)
                     losses.append(float(loss_of(out, want)))

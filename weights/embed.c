@@ -1,16 +1,19 @@
 /* Build-time tool: turns files into one C file of arrays.
  *
  *     embed DIRECTORY OUTPUT.c               the weights files that builtin.def names
- *     embed --text NAME OUTPUT.c FILE...     texts, one after the other, as a string
+ *     embed --text NAME OUTPUT.c FILE...     sources in C, one after the other, as a string
  *
  * Each row BUILTIN(id, file, ...), file a string relative to DIRECTORY, gives
  *
  *     const unsigned char lull_weights_<id>[];       aligned to 64 bytes
  *     const size_t lull_weights_<id>_bytes;
  *
- * A file named by several rows is stored once for each. Texts give
+ * A file named by several rows is stored once for each. Sources give
  *
  *     const char NAME[];                             NUL-terminated
+ *
+ * without comments and indentation, but with all of their lines, so that compilers' messages name
+ * the right ones. Their strings must not hold what looks like a comment.
  *
  * Errors: one line on stderr, exit status 1,
  * and no output file. */
@@ -35,19 +38,52 @@ static int fail(const char *what, const char *why)
     return 0;
 }
 
-/* Writes the bytes of a file as numbers. Returns how many, or 0 after a message. */
-static unsigned long put_bytes(FILE *out, const char *path)
+/* What of a source matters. */
+typedef struct filter {
+    int is_on, before, is_comment, is_indented;
+} filter;
+
+/* 1 if byte c stays, after those that were passed before; next: the one after it. */
+static int stays(filter *f, int c, int next)
+{
+    int ends = f->is_comment && f->before == '*' && c == '/';
+
+    if (!f->is_on)
+        return 1;
+    if (!f->is_comment && c == '/' && next == '*') {
+        f->is_comment = 1;
+        f->before = 0;
+        return 0;
+    }
+    f->before = c;
+    if (c == '\n')
+        return f->is_indented = 1;
+    if (f->is_comment) {
+        f->is_comment = !ends;
+        return 0;
+    }
+    f->is_indented = f->is_indented && c == ' ';
+    return !f->is_indented;
+}
+
+/* Writes the bytes of a file, or of what matters of a source, as numbers. Returns how many, or 0
+ * after a message. */
+static unsigned long put_bytes(FILE *out, const char *path, int is_source)
 {
     FILE *in = fopen(path, "rb");
+    filter f = {is_source, 0, 0, 1};
     unsigned long bytes = 0;
-    int c;
+    int c, next;
 
     if (!in) {
         fail(path, strerror(errno));
         return 0;
     }
-    while ((c = getc(in)) != EOF)
-        fprintf(out, "%s%d,", bytes++ % 24 ? "" : "\n", c);
+    for (c = getc(in); c != EOF; c = next) {
+        next = getc(in);
+        if (stays(&f, c, next))
+            fprintf(out, "%s%d,", bytes++ % 24 ? "" : "\n", c);
+    }
     if (ferror(in) || !bytes) {
         fail(path, bytes ? "cannot read" : "empty file");
         bytes = 0;
@@ -67,7 +103,7 @@ static int embed(FILE *out, const char *directory, const char *id, const char *f
     fprintf(out, "\nextern const unsigned char lull_weights_%s[];\n", id);
     fprintf(out, "extern const size_t lull_weights_%s_bytes;\n", id);
     fprintf(out, "ALIGNED const unsigned char lull_weights_%s[] = {", id);
-    bytes = put_bytes(out, path);
+    bytes = put_bytes(out, path, 0);
     fprintf(out, "\n};\nconst size_t lull_weights_%s_bytes = %luu;\n", id, bytes);
     return bytes != 0;
 }
@@ -93,7 +129,7 @@ static int embed_texts(FILE *out, const char *name, char **files, int count)
     fprintf(out, "/* Made by weights/embed.c. */\nextern const char %s[];\n", name);
     fprintf(out, "const char %s[] = {", name);
     for (int i = 0; ok && i < count; i++)
-        ok = put_bytes(out, files[i]) != 0;
+        ok = put_bytes(out, files[i], 1) != 0;
     fputs("0};\n", out);
     return ok;
 }

@@ -13,10 +13,10 @@
 /* The kernels, which are functions of ports/opencl. */
 #define LULL_CL_KERNELS(KERNEL)                                                                    \
     KERNEL(conv) KERNEL(encode) KERNEL(spread) KERNEL(spread_normal) KERNEL(guide) KERNEL(smooth)  \
-    KERNEL(pick) KERNEL(prefilter) KERNEL(encode_again) KERNEL(face) KERNEL(demodulate)            \
+    KERNEL(grain_sums) KERNEL(grain) KERNEL(take_grain) KERNEL(face) KERNEL(demodulate)            \
     KERNEL(shrink) KERNEL(filter) KERNEL(blend) KERNEL(bilateral) KERNEL(fit_sums) KERNEL(fit)     \
     KERNEL(regress) KERNEL(residual) KERNEL(gains) KERNEL(correct) KERNEL(shares)                  \
-    KERNEL(unsteady) KERNEL(modulate)
+    KERNEL(modulate)
 enum {
 #define LULL_CL_NUMBER(name) LULL_CL_##name,
     LULL_CL_KERNELS(LULL_CL_NUMBER)
@@ -55,7 +55,6 @@ enum {
     LULL_CL_NOISE_CODES,
     LULL_CL_GAINS,
     LULL_CL_SHARES,
-    LULL_CL_UNSTEADY,
     LULL_CL_TENSORS
 };
 
@@ -70,8 +69,8 @@ typedef struct lull_cl_step {
     size_t global[3], local[3];
 } lull_cl_step;
 
-/* Layers, what is made of images, gains, two of shares, result. */
-#define LULL_CL_STEPS (LULL_MAX_LAYERS + 8)
+/* Layers, what is made of images, gains, shares, result. */
+#define LULL_CL_STEPS (LULL_MAX_LAYERS + 7)
 
 /* Where a convolution's weights are in the model's memory; its shift. */
 typedef struct lull_cl_weights {

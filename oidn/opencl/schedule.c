@@ -29,7 +29,7 @@ static uint32_t element(const lull_graph *graph, unsigned tensor)
 
 static shape shape_of(const lull_cl_schedule *s, unsigned tensor)
 {
-    static const uint8_t pixels[] = {12, 12, 12, 1, 4, 4, 4}; /* from LULL_CL_IMAGE_ALBEDO on */
+    static const uint8_t pixels[] = {12, 12, 12, 1, 4, 4}; /* from LULL_CL_IMAGE_ALBEDO on */
     unsigned level = tensor < LULL_TENSORS ? lull_graph_level(s->graph, tensor)
                      : tensor == LULL_CL_GAINS ? LULL_CELL_LEVEL
                                                : 0;
@@ -48,7 +48,7 @@ static shape shape_of(const lull_cl_schedule *s, unsigned tensor)
             lull_graph_channels(s->graph, tensor) * element(s->graph, tensor), 4);
         of.border = LULL_CL_BORDER;
     }
-    if (tensor == LULL_CL_SHARES || tensor == LULL_CL_UNSTEADY) /* of runs */
+    if (tensor == LULL_CL_SHARES) /* of runs */
         of.width /= (int32_t)LULL_RUN;
     if (of.pixel == 12 && !of.border) { /* an image: as large as the host's */
         of.width = s->width;
@@ -193,11 +193,11 @@ static unsigned tap_columns(const lull_layer *layer, unsigned s)
     return layer->op == LULL_OP_HEAD ? 1 : s == 0 && lull_layer_is_up(layer) ? 2 : 3;
 }
 
-/* 1 if a layer has nothing to work on: without albedo there is no prefilter, without normals none
- * are filtered, and with neither there is no regression. */
+/* 1 if a layer has nothing to work on: without albedo it has no grain, without normals none are
+ * filtered, and with neither there is no regression. */
 static int is_left_out(const lull_cl_schedule *s, const lull_layer *layer)
 {
-    if (layer < s->graph->layer + s->graph->before || layer->op == LULL_OP_ENCODE)
+    if (layer < s->graph->layer + s->graph->before)
         return !(s->flags & LULL_CL_ALBEDO);
     if (layer->op == LULL_OP_FACE)
         return !(s->flags & LULL_CL_NORMAL);
@@ -206,9 +206,9 @@ static int is_left_out(const lull_cl_schedule *s, const lull_layer *layer)
            !(s->flags & LULL_CL_FEATURES);
 }
 
-/* The tensor that stands for another, mostly itself: where there is no regression the result before
- * it for its result, and the input for that with a prefiltered albedo; for others that are left
- * out, none. */
+/* The tensor that stands for another, mostly itself: the input for that without grain, as it is
+ * taken out in place, and where there is no regression the result before it for its result; for
+ * others that are left out, none. */
 static uint8_t stand_in(const lull_cl_schedule *s, uint8_t tensor)
 {
     const lull_layer *layer;
@@ -216,10 +216,11 @@ static uint8_t stand_in(const lull_cl_schedule *s, uint8_t tensor)
     if (tensor < 1 || tensor > s->graph->layers)
         return tensor;
     layer = &s->graph->layer[tensor - 1];
+    if (layer->op == LULL_OP_ENCODE)
+        return LULL_TENSOR_INPUT;
     if (!is_left_out(s, layer))
         return tensor;
-    return layer->op == LULL_OP_REGRESS || layer->op == LULL_OP_ENCODE ? layer->source[0]
-                                                                        : CL_NONE;
+    return layer->op == LULL_OP_REGRESS ? layer->source[0] : CL_NONE;
 }
 
 /* A convolution: squares of 2x2 pixels, those of the border included. */
@@ -277,8 +278,6 @@ static void filter_sources(uint8_t sources[LULL_CL_SOURCES], const lull_cl_sched
     }
     if (layer->op == LULL_OP_CORRECT)
         sources[1] = LULL_CL_GAINS;
-    if (layer->op == LULL_OP_PREFILTER)
-        sources[2] = LULL_CL_UNSTEADY;
 }
 
 /* The first of a head's codes that a layer of the filter reads; heads may begin with a later one
@@ -286,8 +285,6 @@ static void filter_sources(uint8_t sources[LULL_CL_SOURCES], const lull_cl_sched
 static uint32_t first_code(const lull_graph *graph, const lull_layer *layer)
 {
     switch (layer->op) {
-    case LULL_OP_PREFILTER:
-        return 0;
     case LULL_OP_SMOOTH:
     case LULL_OP_FACE:
         return LULL_HEAD_ALBEDO - graph->layer[layer->source[1] - 1].first;
@@ -313,9 +310,9 @@ static void add_runs(lull_cl_schedule *s, unsigned kernel, unsigned out, unsigne
 static void add_layer(lull_cl_schedule *s, unsigned l)
 {
     static const uint8_t kernels[] = {[LULL_OP_SMOOTH] = LULL_CL_smooth,
-                                      [LULL_OP_PICK] = LULL_CL_pick,
-                                      [LULL_OP_PREFILTER] = LULL_CL_prefilter,
-                                      [LULL_OP_ENCODE] = LULL_CL_encode_again,
+                                      [LULL_OP_GRAIN_SUMS] = LULL_CL_grain_sums,
+                                      [LULL_OP_GRAIN] = LULL_CL_grain,
+                                      [LULL_OP_ENCODE] = LULL_CL_take_grain,
                                       [LULL_OP_FACE] = LULL_CL_face,
                                       [LULL_OP_DEMODULATE] = LULL_CL_demodulate,
                                       [LULL_OP_POOL] = LULL_CL_shrink,
@@ -337,10 +334,10 @@ static void add_layer(lull_cl_schedule *s, unsigned l)
         return;
     if (layer->op == LULL_OP_CORRECT)
         add_filter(s, LULL_CL_gains, LULL_CL_GAINS, LULL_CELL_LEVEL, sums);
-    if (layer->op == LULL_OP_PREFILTER)
-        add_runs(s, LULL_CL_unsteady, LULL_CL_UNSTEADY, LULL_TENSOR_INPUT);
     filter_sources(sources, s, l);
-    step = add_filter(s, kernels[layer->op], l + 1, layer->level, sources);
+    step = add_filter(s, kernels[layer->op],
+                      layer->op == LULL_OP_ENCODE ? LULL_TENSOR_ALBEDO : l + 1, layer->level,
+                      sources);
     args = &step->args.filter;
     args->code = first_code(s->graph, layer);
     if (layer->op == LULL_OP_FILTER && sources[2] == LULL_CL_NOISE_CODES)
@@ -351,8 +348,10 @@ static void add_layer(lull_cl_schedule *s, unsigned l)
         args->inside_width = inside(s->width, layer->level + 1u);
         args->inside_height = inside(s->height, layer->level + 1u);
     }
-    if (layer->op == LULL_OP_PICK || layer->op == LULL_OP_ENCODE)
-        cover_border(step);
+    if (layer->op == LULL_OP_GRAIN_SUMS) { /* of pixels */
+        args->inside_width = s->width;
+        args->inside_height = s->height;
+    }
     if (layer->op == LULL_OP_RESIDUAL || layer->op == LULL_OP_FIT_SUMS) {
         /* a work item for each column of pixels */
         args->inside_width = s->width;

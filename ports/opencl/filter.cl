@@ -31,35 +31,6 @@ static float4 feature_mean(__global uchar *memory, __global const uchar *model,
                  more, none);
 }
 
-/* out: shares of the prefiltered albedo of runs of LULL_RUN pixels; source: the network's input. */
-KERNEL_OF_PIXELS unsteady(__global uchar *memory, __global const uchar *model, lull_cl_filter a)
-{
-    int run = get_global_id(0), y = get_global_id(1);
-    int x = max(run - LULL_STEADY_BESIDE, 0) * (int)LULL_RUN;
-    int end = min((run + LULL_STEADY_BESIDE + 1) * (int)LULL_RUN, a.inside_width);
-    uint pixels = end - x, steady = 0;
-    if (run * (int)LULL_RUN >= a.inside_width || y >= a.inside_height)
-        return;
-    for (; x < end; x++)
-        steady += lull_is_steady(bytes_at(memory, a.source[0], x - 1, y)[1],
-                                 bytes_at(memory, a.source[0], x, y)[1],
-                                 bytes_at(memory, a.source[0], x + 1, y)[1]);
-    *pixel_at(memory, a.out, run, y) = lull_unsteady_share((float)pixels, (float)steady);
-}
-
-/* out: (1, filtered albedo), zeros outside the image; sources: (1, albedo), head, shares of runs. */
-KERNEL_OF_PIXELS prefilter(__global uchar *memory, __global const uchar *model, lull_cl_filter a)
-{
-    int x = get_global_id(0), y = get_global_id(1);
-    float4 v, albedo;
-    if (!is_inside(memory, &a, x, y))
-        return;
-    v = feature_mean(memory, model, &a, x, y, 0.0f, 1.0f);
-    albedo = (float4)(floats_at(memory, a.source[0], x, y)->yzw, 0.0f);
-    v = albedo + between_runs(memory, a.source[2], a.inside_width, x, y) * (v - albedo);
-    *floats_at(memory, a.out, x, y) = (float4)(1.0f, v.x, v.y, v.z);
-}
-
 /* out: filtered albedo + epsilon; sources: (1, albedo), head. */
 KERNEL_OF_PIXELS smooth(__global uchar *memory, __global const uchar *model, lull_cl_filter a)
 {

@@ -72,37 +72,6 @@ KERNEL_OF_PIXELS encode(__global uchar *memory, __global const uchar *model, lul
                      a.flags & LULL_CL_NORMAL ? 255 : 0, a.flags & LULL_CL_CLIPPED ? 255 : 0);
 }
 
-/* out: of those the albedo's, and whether there is one; source: it. */
-KERNEL_OF_PIXELS pick(__global uchar *memory, __global const uchar *model, lull_cl_filter a)
-{
-    int x = (int)get_global_id(0) - LULL_CL_BORDER, y = (int)get_global_id(1) - LULL_CL_BORDER;
-    __global uchar *from = bytes_at(memory, a.source[0], x, y);
-    if (x < a.width + LULL_CL_BORDER && y < a.height + LULL_CL_BORDER)
-        *(__global uchar4 *)bytes_at(memory, a.out, x, y) =
-            (uchar4)(from[3], from[4], from[5], from[9]);
-}
-
-/* out: the network's input with the prefiltered albedo; sources: it, radiance, prefiltered albedo. */
-KERNEL_OF_PIXELS encode_again(__global uchar *memory, __global const uchar *model, lull_cl_filter a)
-{
-    int x = (int)get_global_id(0) - LULL_CL_BORDER, y = (int)get_global_id(1) - LULL_CL_BORDER;
-    float r[3], albedo[3];
-    uchar code[6];
-    __global uchar4 *to = (__global uchar4 *)bytes_at(memory, a.out, x, y);
-    __global uchar4 *from = (__global uchar4 *)bytes_at(memory, a.source[0], x, y);
-    if (!is_coded(memory, &a, x, y))
-        return;
-    get_radiance(r, memory, a.source[1], x, y);
-    get3(albedo, floats_at(memory, a.source[2], x, y)->yzww);
-    lull_sane_albedo(albedo);
-    code_radiance(code, r, albedo);
-    for (int c = 0; c < 3; c++)
-        code[3 + c] = lull_to_code(albedo[c] * 255.0f);
-    to[0] = (uchar4)(code[0], code[1], code[2], code[3]);
-    to[1] = (uchar4)(code[4], code[5], from[1].z, from[1].w);
-    to[2] = from[2];
-}
-
 /* 1 if (x, y) is inside the image; if not, puts zeros there, where there is padding. */
 static int is_inside(__global uchar *memory, const lull_cl_filter *a, int x, int y)
 {
@@ -158,4 +127,80 @@ KERNEL_OF_PIXELS guide(__global uchar *memory, __global const uchar *model, lull
         lull_guide_of_albedo(made, q);
     }
     *(__global uchar2 *)bytes_at(memory, a.out, x, y) = (uchar2)(made[0], made[1]);
+}
+
+/* ---- Grain of the albedo --------------------------------------------------------------------- */
+
+/* out: LULL_GRAIN_SUMS sums of cells, whole numbers; source: the network's input. */
+KERNEL_OF_PIXELS grain_sums(__global uchar *memory, __global const uchar *model, lull_cl_filter a)
+{
+    const int side = LULL_GRAIN_SIDE;
+    int cell = get_global_id(0), row = get_global_id(1), x, y;
+    int right = min((cell + 1) * side, a.inside_width);
+    int bottom = min((row + 1) * side, a.inside_height);
+    int sum[LULL_GRAIN_SUMS] = {0};
+    if (cell * side >= a.inside_width || row * side >= a.inside_height)
+        return;
+    for (y = row * side; y < bottom; y++)
+        for (x = cell * side; x < right; x++) {
+            __global uchar *p = bytes_at(memory, a.source[0], x, y) + 3;
+            uchar here[3] = {p[0], p[1], p[2]};
+            int light = lull_grain_light(here), step;
+            sum[0]++;
+            sum[1] += light;
+            sum[2] += light * light;
+            for (int c = 0; c < 3; c++)
+                sum[3 + c] += here[c];
+            for (uint k = 0; k < LULL_GRAIN_STEPS; k++) {
+                int other = x + (k == 3 ? -1 : k != 1), below = y + (k > 0);
+                if (other < cell * side || other >= right || below >= bottom)
+                    continue;
+                p = bytes_at(memory, a.source[0], other, below) + 3;
+                uchar there[3] = {p[0], p[1], p[2]};
+                step = lull_grain_light(there) - light;
+                sum[6 + k] += step * step;
+            }
+        }
+    for (uint k = 0; k < LULL_GRAIN_SUMS; k++)
+        pixel_at(memory, a.out, cell, row)[k] = (float)sum[k];
+}
+
+/* out: how much of the mean stands for the albedo, and the mean, of cells; source: sums of cells. */
+KERNEL_OF_PIXELS grain(__global uchar *memory, __global const uchar *model, lull_cl_filter a)
+{
+    int x = get_global_id(0), y = get_global_id(1);
+    float sum[LULL_GRAIN_SUMS], cell[4];
+    if (x >= a.inside_width || y >= a.inside_height)
+        return;
+    for (uint k = 0; k < LULL_GRAIN_SUMS; k++)
+        sum[k] = sum_around(memory, &a, x, y, k);
+    lull_grain(cell, sum);
+    *floats_at(memory, a.out, x, y) = (float4)(cell[0], cell[1], cell[2], cell[3]);
+}
+
+/* out: (1, albedo), which loses its grain; and so do the codes of the network's input, the first
+ * source; others: radiance, grain of cells. */
+KERNEL_OF_PIXELS take_grain(__global uchar *memory, __global const uchar *model, lull_cl_filter a)
+{
+    int x = get_global_id(0), y = get_global_id(1);
+    cell_place at = place_between(LULL_GRAIN_SIDE, &a, x, y);
+    float share, r[3], albedo[3];
+    uchar code[6];
+    __global uchar *to = bytes_at(memory, a.source[0], x, y);
+    if (x >= a.inside_width || y >= a.inside_height)
+        return;
+    share = value_between(memory, a.source[2], &at, 0);
+    if (!(share > 0.0f))
+        return;
+    get3(albedo, floats_at(memory, a.out, x, y)->yzww);
+    for (int c = 0; c < 3; c++)
+        albedo[c] += share * (value_between(memory, a.source[2], &at, 1 + c) - albedo[c]);
+    *floats_at(memory, a.out, x, y) = (float4)(1.0f, albedo[0], albedo[1], albedo[2]);
+    get_radiance(r, memory, a.source[1], x, y);
+    lull_sane_albedo(albedo);
+    code_radiance(code, r, albedo);
+    for (int c = 0; c < 3; c++)
+        code[3 + c] = lull_to_code(albedo[c] * 255.0f);
+    for (int k = 0; k < 6; k++)
+        to[k] = code[k];
 }

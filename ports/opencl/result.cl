@@ -44,40 +44,6 @@ KERNEL_OF_PIXELS bilateral(__global uchar *memory, __global const uchar *model, 
     *floats_at(memory, a.out, x, y) = make4(v, 0.0f);
 }
 
-/* ---- Cells of side x side pixels ------------------------------------------------------------- */
-
-/* The four cells between whose centres a pixel lies, the nearest where there is none, and how far it
- * lies on the way. */
-typedef struct cell_place {
-    int left, right, above, below;
-    float across, down;
-} cell_place;
-
-static cell_place place_between(uint side, const lull_cl_filter *a, int x, int y)
-{
-    int columns = (a->inside_width + (int)side - 1) / (int)side;
-    int rows = (a->inside_height + (int)side - 1) / (int)side;
-    cell_place at;
-    at.left = lull_cell_near(side, x, 0, columns);
-    at.right = lull_cell_near(side, x, 1, columns);
-    at.above = lull_cell_near(side, y, 0, rows);
-    at.below = lull_cell_near(side, y, 1, rows);
-    at.across = lull_cell_part(side, x);
-    at.down = lull_cell_part(side, y);
-    return at;
-}
-
-/* Value k of cells there: first down, then across. */
-static float value_between(__global uchar *memory, lull_cl_tensor cells, const cell_place *at,
-                           uint k)
-{
-    float before = pixel_at(memory, cells, at->left, at->above)[k];
-    float after = pixel_at(memory, cells, at->right, at->above)[k];
-    before += at->down * (pixel_at(memory, cells, at->left, at->below)[k] - before);
-    after += at->down * (pixel_at(memory, cells, at->right, at->below)[k] - after);
-    return before + at->across * (after - before);
-}
-
 /* ---- Regression ------------------------------------------------------------------------------ */
 
 /* Features and divisor of a pixel; of `regress` and `fit_sums`, whose sources 1 and 2 are filtered
@@ -128,14 +94,6 @@ KERNEL_OF_PIXELS fit_sums(__global uchar *memory, __global const uchar *model, l
             pixel_at(memory, a.out, x / (int)LULL_FIT_SIDE, cell)[k] = column[i][k];
 }
 
-/* Sum k of a cell; 0 outside the image. */
-static float fit_sum_at(__global uchar *memory, const lull_cl_filter *a, int x, int y, uint k)
-{
-    return x >= 0 && x < a->inside_width && y >= 0 && y < a->inside_height
-               ? pixel_at(memory, a->source[0], x, y)[k]
-               : 0.0f;
-}
-
 /* out: coefficients of a cell and those around it; source: sums of cells. */
 KERNEL_OF_PIXELS fit(__global uchar *memory, __global const uchar *model, lull_cl_filter a)
 {
@@ -143,14 +101,8 @@ KERNEL_OF_PIXELS fit(__global uchar *memory, __global const uchar *model, lull_c
     float sum[LULL_FIT_SUMS], b[LULL_FIT_COEFFICIENTS];
     if (x >= a.inside_width || y >= a.inside_height)
         return;
-    for (uint k = 0; k < LULL_FIT_SUMS; k++) {
-        float down[3];
-        for (int dx = 0; dx < 3; dx++)
-            down[dx] = (fit_sum_at(memory, &a, x + dx - 1, y - 1, k) +
-                        fit_sum_at(memory, &a, x + dx - 1, y + 1, k)) +
-                       2.0f * fit_sum_at(memory, &a, x + dx - 1, y, k);
-        sum[k] = (down[0] + down[2]) + 2.0f * down[1];
-    }
+    for (uint k = 0; k < LULL_FIT_SUMS; k++)
+        sum[k] = sum_around(memory, &a, x, y, k);
     lull_fit(b, sum);
     for (uint k = 0; k < LULL_FIT_COEFFICIENTS; k++)
         pixel_at(memory, a.out, x, y)[k] = b[k];

@@ -45,3 +45,56 @@ static float between_runs(__global uchar *memory, lull_cl_tensor t, int width, i
 }
 
 static int clamp_to(int i, int count) { return clamp(i, 0, count - 1); }
+
+/* ---- Cells of side x side pixels ------------------------------------------------------------- */
+
+/* The four cells between whose centres a pixel lies, the nearest where there is none, and how far it
+ * lies on the way. */
+typedef struct cell_place {
+    int left, right, above, below;
+    float across, down;
+} cell_place;
+
+static cell_place place_between(uint side, const lull_cl_filter *a, int x, int y)
+{
+    int columns = (a->inside_width + (int)side - 1) / (int)side;
+    int rows = (a->inside_height + (int)side - 1) / (int)side;
+    cell_place at;
+    at.left = lull_cell_near(side, x, 0, columns);
+    at.right = lull_cell_near(side, x, 1, columns);
+    at.above = lull_cell_near(side, y, 0, rows);
+    at.below = lull_cell_near(side, y, 1, rows);
+    at.across = lull_cell_part(side, x);
+    at.down = lull_cell_part(side, y);
+    return at;
+}
+
+/* Value k of cells there: first down, then across. */
+static float value_between(__global uchar *memory, lull_cl_tensor cells, const cell_place *at,
+                           uint k)
+{
+    float before = pixel_at(memory, cells, at->left, at->above)[k];
+    float after = pixel_at(memory, cells, at->right, at->above)[k];
+    before += at->down * (pixel_at(memory, cells, at->left, at->below)[k] - before);
+    after += at->down * (pixel_at(memory, cells, at->right, at->below)[k] - after);
+    return before + at->across * (after - before);
+}
+
+/* Sum k of a cell of the first source; 0 outside the image. */
+static float sum_at(__global uchar *memory, const lull_cl_filter *a, int x, int y, uint k)
+{
+    return x >= 0 && x < a->inside_width && y >= 0 && y < a->inside_height
+               ? pixel_at(memory, a->source[0], x, y)[k]
+               : 0.0f;
+}
+
+/* The same of it and the cells around it, by weights 1, 2, 1: first down. */
+static float sum_around(__global uchar *memory, const lull_cl_filter *a, int x, int y, uint k)
+{
+    float down[3];
+    for (int dx = 0; dx < 3; dx++)
+        down[dx] = (sum_at(memory, a, x + dx - 1, y - 1, k) +
+                    sum_at(memory, a, x + dx - 1, y + 1, k)) +
+                   2.0f * sum_at(memory, a, x + dx - 1, y, k);
+    return (down[0] + down[2]) + 2.0f * down[1];
+}

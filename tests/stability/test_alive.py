@@ -37,8 +37,6 @@ def inputs(root) -> list[np.ndarray]:
 def test_no_layer_is_dead(root, inputs, name):
     model = kernel.load(root / "weights" / name)
     alive = active_channels(model, inputs)
-    if model.prefilter:
-        alive |= active_channels(model.prefilter, [x[..., kernel.PICKED] for x in inputs])
     dead = {k: f"{(~v).sum()} of {v.size}" for k, v in alive.items() if (~v).mean() > 0.5}
     assert not dead
 
@@ -51,6 +49,3 @@ def test_every_level_looks_at_the_picture(root, inputs, name):
     for head in model.net.heads:
         taps = maps[head][..., :25].astype(float)
         assert taps.std((0, 1)).max() > 1, head
-    if model.prefilter:
-        maps = model.prefilter.maps(inputs[0][..., kernel.PICKED])
-        assert maps[model.prefilter.net.heads[0]].astype(float).std((0, 1)).max() > 1

@@ -1,0 +1,63 @@
+"""Grain of the albedo in numpy, docs/kernel-prediction.md, to the bit: where the albedo is noise
+from pixel to pixel, means of a wide window stand for it.
+
+At few samples a texture finer than pixels, or a surface that now shows one of its lobes and now the
+other, is noise that no 5x5 kernel takes away. It has no correlation between neighbours; edges and
+textures that pixels resolve have.
+"""
+from __future__ import annotations
+
+import numpy as np
+
+from export.cells import between_cells, cell_sums
+from export.regression import windows
+
+F = np.float32
+SIDE = 8                                # pixels of a cell
+STEPS = ((1, 0), (0, 1), (1, 1), (-1, 1))  # to a neighbour, (x, y)
+SUMS = 6 + len(STEPS)                   # of a cell: 1, L, L^2, r, g, b, squares of these steps
+PAIRS = F(4 / 7), F(32 / 49)            # half of a square by pixels, for 7 of 8 pairs, for 49 of 64
+WHITE_GAIN, WHITE_LEAST = F(5), F(3.5)  # of the step's square by twice the variance: 0.7 to 0.9
+FLAT, MOST_VARIANCE = F(16), F(1 / 4096)
+PER_CODE = F(1 / 255)
+
+
+def brightness(codes: np.ndarray) -> np.ndarray:
+    """L, int32 [H,W], of the albedo in a K model's input codes [H,W,12]."""
+    r, g, b = np.moveaxis(codes[..., 3:6].astype(np.int32), -1, 0)
+    return (r + 2 * g + b) >> 2
+
+
+def products(codes: np.ndarray) -> np.ndarray:
+    """What every pixel adds to the sums of its cell, float32 [SUMS,H,W]."""
+    light = brightness(codes)
+    h, w = light.shape
+    y, x = np.mgrid[:h, :w]
+    squares = []
+    for dx, dy in STEPS:
+        inside = ((x + dx) // SIDE == x // SIDE) & ((y + dy) // SIDE == y // SIDE)  # of a cell,
+        inside &= (x + dx < w) & (y + dy < h)                                      # of the image
+        there = light[np.minimum(y + dy, h - 1), np.clip(x + dx, 0, w - 1)]
+        squares.append((there - light) ** 2 * inside)
+    return np.stack((np.ones_like(light), light, light * light,
+                     *np.moveaxis(codes[..., 3:6].astype(np.int32), -1, 0), *squares)).astype(F)
+
+
+def shares(sums: np.ndarray) -> np.ndarray:
+    """[SUMS,H,W] of `windows` -> [4,H,W]: how much of the mean stands for the albedo, the mean."""
+    m = F(1) / sums[0]
+    mean = sums[1] * m
+    variance = sums[2] * m - mean * mean
+    straight, diagonal = np.minimum(sums[6], sums[7]), np.minimum(sums[8], sums[9])
+    steps = np.minimum(straight * PAIRS[0], diagonal * PAIRS[1])
+    white = (steps * m) * (F(1) / np.maximum(variance, FLAT))
+    share = np.clip(white * WHITE_GAIN - WHITE_LEAST, F(0), F(1))
+    share = share * np.clip((variance - FLAT) * MOST_VARIANCE, F(0), F(1))
+    return np.concatenate((share[None], np.minimum((sums[3:6] * m) * PER_CODE, F(1))))
+
+
+def without_grain(albedo: np.ndarray, codes: np.ndarray) -> np.ndarray:
+    """The albedo [H,W,3] (in [0,1], black is white) less its grain; codes: of the input with it."""
+    cells = shares(windows(cell_sums(products(codes), SIDE)))
+    share, *mean = between_cells(cells, albedo.shape[:2], SIDE)
+    return albedo + share[..., None] * (np.stack(mean, -1) - albedo)

@@ -1,0 +1,225 @@
+/* Grain of the albedo (docs/kernel-prediction.md): found by cells of the input's codes, taken out of
+ * them and of the albedo that divides. */
+#include "exec.h"
+
+#define SIDE LULL_GRAIN_SIDE
+enum { PIXEL = 12, ALBEDO = 3, KEPT = 6 }; /* codes of a pixel; the first that stays */
+
+/* Sums of columns of pixels, and the last row. Steps are counted where they begin, those to below
+ * left where they end. */
+typedef struct columns {
+    uint32_t squares[LULL_BLOCK], steps[LULL_GRAIN_STEPS][LULL_BLOCK];
+    uint16_t light[LULL_BLOCK], color[3][LULL_BLOCK];
+    int16_t row[LULL_BLOCK + 1];
+    uint16_t rows;
+} columns;
+
+/* Adds n pixels, the first of which is the first of its cell. Sums of columns that are not there,
+ * and of steps to them, are made, too, and not used. */
+static void add_row(columns *sums, const uint8_t *codes, unsigned n)
+{
+    int16_t now[LULL_BLOCK + 1] = {0};
+    const int16_t *row = sums->rows++ ? sums->row : now;
+    for (unsigned i = 0; i < n; i++, codes += PIXEL) {
+        now[i] = (int16_t)lull_grain_light(codes);
+        for (unsigned c = 0; c < 3; c++)
+            sums->color[c][i] = (uint16_t)(sums->color[c][i] + codes[c]);
+    }
+    for (unsigned i = 0; i < LULL_BLOCK; i++) {
+        int here = now[i], right = now[i + 1];
+        int step[LULL_GRAIN_STEPS] = {right - here, here - row[i], right - row[i],
+                                      here - row[i + 1]};
+        sums->light[i] = (uint16_t)(sums->light[i] + here);
+        sums->squares[i] += (uint16_t)(here * here);
+        for (unsigned k = 0; k < LULL_GRAIN_STEPS; k++)
+            if (k == 0 || row != now)
+                sums->steps[k][i] += (uint16_t)(step[k] * step[k]);
+    }
+    memcpy(sums->row, now, sizeof now);
+}
+
+/* LULL_GRAIN_SUMS of `n` columns from column i on, a cell. */
+static void sum_cell(float *out, size_t plane, const columns *sums, unsigned i, unsigned n)
+{
+    uint32_t sum[LULL_GRAIN_SUMS] = {n * sums->rows};
+    for (unsigned end = i + n; i < end; i++) {
+        sum[1] += sums->light[i];
+        sum[2] += sums->squares[i];
+        for (unsigned c = 0; c < 3; c++)
+            sum[3 + c] += sums->color[c][i];
+        for (unsigned k = 0; k < LULL_GRAIN_STEPS; k++)
+            if (k == 1 || i + 1 < end)
+                sum[6 + k] += sums->steps[k][i];
+    }
+    for (unsigned k = 0; k < LULL_GRAIN_SUMS; k++)
+        out[k * plane] = (float)sum[k];
+}
+
+void lull_exec_grain_sums(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker)
+{
+    const lull_plan *plan = t->plan;
+    unsigned left = SIDE * x, end = lull_min_u(left + SIDE * n, lull_exec_inside(t));
+    unsigned bottom = lull_min_u(SIDE * (y + 1), plan->frame.height);
+    float *out = lull_exec_floats(plan, t->layer + 1, y, x);
+    const size_t plane = lull_exec_plane(plan, t->layer + 1);
+    columns *sums = lull_exec_scratch(t, worker);
+    for (unsigned k = 0; k < LULL_GRAIN_SUMS; k++)
+        memset(out + k * plane, 0, n * sizeof *out);
+    for (; left < end && SIDE * y < bottom; left += LULL_BLOCK) {
+        const unsigned count = lull_min_u(LULL_BLOCK, end - left);
+        memset(sums, 0, sizeof *sums);
+        for (unsigned row = SIDE * y; row < bottom; row++)
+            add_row(sums, lull_exec_row(plan, LULL_TENSOR_INPUT, row) + left * PIXEL + ALBEDO,
+                    count);
+        for (unsigned i = 0; i < count; i += SIDE)
+            sum_cell(out++, plane, sums, i, lull_min_u(SIDE, count - i));
+    }
+}
+
+/* Of cell `at` and those around it, by weights 1, 2, 1, first down. */
+LULL_NOINLINE static float sum_around(const float *const rows[3], size_t at)
+{
+    float down[3];
+    for (size_t i = 0; i < 3; i++)
+        down[i] = (rows[0][at + i - 1] + rows[2][at + i - 1]) + 2.0f * rows[1][at + i - 1];
+    return (down[0] + down[2]) + 2.0f * down[1];
+}
+
+void lull_exec_find_grain(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker)
+{
+    const lull_plan *plan = t->plan;
+    const unsigned source = plan->model->graph.layer[t->layer].source[0];
+    const size_t plane = lull_exec_plane(plan, t->layer + 1);
+    const size_t from = lull_exec_plane(plan, source);
+    unsigned end = lull_min_u(x + n, lull_cell_count(SIDE, lull_exec_inside(t)));
+    const float *rows[3];
+    (void)worker;
+    if (y >= lull_cell_count(SIDE, plan->frame.height))
+        return;
+    for (int i = 0; i < 3; i++)
+        rows[i] = (const float *)(const void *)lull_exec_source(plan, source, (int)y + i - 1);
+    for (; x < end; x++) {
+        float sums[LULL_GRAIN_SUMS], cell[4], *out = lull_exec_floats(plan, t->layer + 1, y, x);
+        for (unsigned k = 0; k < LULL_GRAIN_SUMS; k++)
+            sums[k] = sum_around(rows, k * from + x);
+        lull_grain(cell, sums);
+        for (unsigned c = 0; c < 4; c++)
+            out[c * plane] = cell[c];
+    }
+}
+
+enum { SOME = 32, HALF = SIDE / 2 }; /* pixels at once */
+
+/* Of pixels from the first of a cell on: the share of the mean, and the mean. Those of pixel i are
+ * number HALF + i: they are made from centre to centre. */
+typedef struct grain_row {
+    float of[4][SOME + SIDE];
+} grain_row;
+
+/* Between two rows of values of cells. */
+static float down_from(const float *const rows[2], size_t i, float part)
+{
+    return rows[0][i] + part * (rows[1][i] - rows[0][i]);
+}
+
+/* From the centre of a cell to that of the next. */
+LULL_NOINLINE static void go_across(float *v, float a, float b)
+{
+    static const float parts[SIDE] = {0.0625f, 0.1875f, 0.3125f, 0.4375f,
+                                      0.5625f, 0.6875f, 0.8125f, 0.9375f};
+    b -= a;
+    for (unsigned i = 0; i < SIDE; i++)
+        v[i] = a + parts[i] * b;
+}
+
+/* Of at most SOME pixels from column x of the strip on. Returns 0 if all shares are 0. */
+LULL_NOINLINE static int get_grain(grain_row *grain, const lull_task *t, unsigned x, unsigned y)
+{
+    const lull_plan *plan = t->plan;
+    const unsigned tensor = plan->model->graph.input - 1u;
+    const size_t plane = lull_exec_plane(plan, tensor);
+    const int cells = (int)lull_cell_count(SIDE, lull_exec_inside(t));
+    const int down = (int)lull_cell_count(SIDE, plan->frame.height);
+    const float part = lull_cell_part(SIDE, (int)y), *rows[2];
+    enum { COUNT = SOME / SIDE + 2 };
+    unsigned cell[COUNT];
+    float any = 0.0f;
+    for (int i = 0; i < 2; i++)
+        rows[i] = lull_exec_floats(plan, tensor, (unsigned)lull_cell_near(SIDE, (int)y, i, down), 0);
+    for (unsigned i = 0; i < COUNT; i++) {
+        cell[i] = (unsigned)lull_cell_near(SIDE, (int)(x + SIDE * i), 0, cells);
+        any += rows[0][cell[i]] + rows[1][cell[i]];
+    }
+    if (!(any > 0.0f))
+        return 0;
+    for (unsigned c = 0; c < 4; c++) {
+        float *v = grain->of[c], a = down_from(rows, c * plane + cell[0], part), b;
+        for (unsigned i = 1; i < COUNT; i++, v += SIDE, a = b) {
+            b = down_from(rows, c * plane + cell[i], part);
+            go_across(v, a, b);
+        }
+    }
+    return 1;
+}
+
+/* Takes it out of n pixels of three planes of an albedo. */
+LULL_NOINLINE static void take_grain(float *albedo, size_t plane, const grain_row *grain, unsigned n)
+{
+    const float *share = grain->of[0] + HALF;
+    for (unsigned c = 0; c < 3; c++, albedo += plane)
+        for (unsigned i = 0; i < n; i++)
+            albedo[i] += share[i] * (grain->of[1 + c][HALF + i] - albedo[i]);
+}
+
+void lull_exec_clean(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker)
+{
+    const size_t plane = lull_exec_plane(t->plan, LULL_TENSOR_ALBEDO);
+    grain_row *grain = lull_exec_scratch(t, worker);
+    for (unsigned end = x + n; x < end; x += SOME)
+        if (get_grain(grain, t, x, y))
+            take_grain(lull_exec_floats(t->plan, LULL_TENSOR_ALBEDO, y, x) + plane, plane, grain,
+                       lull_min_u(SOME, end - x));
+}
+
+/* Memory of a worker. */
+typedef struct encoding {
+    grain_row grain;
+    float block[3 * SOME], planes[4][SOME], pixels[3 * SOME];
+} encoding;
+
+/* In the place of the input's rows, which nobody needs any more. Codes of the normal and the flags
+ * stay; where rows are kept, those of the albedo lose their grain, too. */
+void lull_exec_encode(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker)
+{
+    const lull_plan *plan = t->plan;
+    const unsigned end = y < plan->frame.height ? lull_min_u(lull_exec_inside(t), x + n) : 0;
+    encoding *e = lull_exec_scratch(t, worker);
+    for (; x < end; x += SOME) {
+        uint8_t made[SOME * PIXEL];
+        uint8_t *codes = lull_exec_row(plan, LULL_TENSOR_INPUT, y) + (size_t)x * PIXEL;
+        size_t plane = SOME;
+        float *albedo = e->planes[0];
+        lull_encoding from;
+        n = lull_min_u(SOME, end - x);
+        if (!get_grain(&e->grain, t, x, y))
+            continue;
+        if (plan->keeps_rows) {
+            albedo = lull_exec_floats(plan, LULL_TENSOR_ALBEDO, y, x);
+            plane = lull_exec_plane(plan, LULL_TENSOR_ALBEDO);
+        } else {
+            plan->model->kernels.spread(
+                albedo, plane, lull_exec_aux(t, 1, e->block, t->left + x, y - t->base_row, n), n);
+        }
+        take_grain(albedo + plane, plane, &e->grain, n);
+        for (unsigned i = 0; i < n; i++)
+            for (unsigned c = 0; c < 3; c++)
+                e->pixels[3 * i + c] = albedo[(1 + c) * plane + i];
+        lull_exec_radiance(&from, t, e->block, t->left + x, y, n);
+        from.albedo = e->pixels;
+        from.normal = NULL;
+        from.flags = 0;
+        plan->model->kernels.encode(made, &from, n);
+        for (unsigned i = 0; i < n; i++)
+            memcpy(codes + i * PIXEL, made + i * PIXEL, KEPT);
+    }
+}

@@ -1,0 +1,227 @@
+"""Grain of the albedo: what counts as grain, and the same in numpy, PyTorch and the core."""
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from export import grain, kernel, pixels
+from tests.training.tools import in_both
+from training import kernel_model, nets
+from training.grain import without_grain
+from training.imageio import read_image, write_pfm
+
+GOLDEN = Path(__file__).resolve().parent.parent / "golden" / "kernel" / "weights.tza"
+INSIDE = np.s_[16:-16, 16:-16]  # where windows see no border
+SIZES = ((64, 80), (37, 45), (8, 8), (9, 7), (1, 30), (30, 1), (1, 1))
+
+
+def cleaned(albedo: np.ndarray) -> np.ndarray:
+    """The reference's, for an albedo [H,W,3] without black pixels."""
+    return grain.without_grain(albedo, kernel.encode(np.ones_like(albedo), albedo, None, False))
+
+
+def in_pytorch(albedo: np.ndarray) -> np.ndarray:
+    """The same in PyTorch."""
+    a = torch.from_numpy(albedo.transpose(2, 0, 1)[None].copy())
+    return without_grain(a, torch.ones_like(a[:, :1]))[0].numpy().transpose(1, 2, 0)
+
+
+def salt(height: int, width: int, seed: int = 1, share: float = 0.5) -> np.ndarray:
+    """Albedo of single bright and dark pixels, [H,W,3]."""
+    bright = np.random.default_rng(seed).random((height, width, 1)) < share
+    return np.where(bright, np.float32([0.9, 0.8, 0.7]), np.float32([0.1, 0.2, 0.05]))
+
+
+def half_grainy(height: int, width: int) -> np.ndarray:
+    """Albedo [H,W,3] whose grain fades from all to none at a third of the width; then lines."""
+    rng = np.random.default_rng(3)
+    a = np.repeat(rng.random((height, 1, 3), np.float32) * 0.5 + 0.3, width, 1)
+    fade = np.clip(2 - np.arange(width) / width * 6, 0, 1)[:, None]
+    a *= 1 - 0.9 * fade * (rng.random((height, width, 1)) < 0.4)
+    a[:, width // 2::7] *= 0.8
+    return a.astype(np.float32)
+
+
+# ---- What it does --------------------------------------------------------------------------------
+
+@pytest.mark.parametrize("share", [0.15, 0.5, 0.85])
+def test_white_noise_becomes_its_mean(share):
+    albedo = salt(128, 128, share=share)
+    out = cleaned(albedo)
+    assert (out[INSIDE].std((0, 1)) < albedo[INSIDE].std((0, 1)) / 5).all()
+    np.testing.assert_allclose(out.mean((0, 1)), albedo.mean((0, 1)), atol=0.02)
+
+
+def test_the_mean_is_that_of_the_neighbourhood():
+    """Grain with a tint that changes across the picture keeps the tint."""
+    tint = np.ones((1, 256, 3), np.float32)
+    tint[..., 2] = np.linspace(0.1, 1, 256)
+    albedo, want = salt(96, 256) * tint, salt(96, 256).mean((0, 1)) * tint
+    off, before = (np.abs(v - want)[INSIDE].mean((0, 1)) for v in (cleaned(albedo), albedo))
+    assert (off < before / 5).all() and off[2] < 0.03
+
+
+def squares(side: int) -> np.ndarray:
+    y, x = np.mgrid[:96, :96] // side
+    return np.where(((x + y) % 2)[..., None], np.float32([0.9, 0.8, 0.2]), np.float32(0.1))
+
+
+def lines() -> np.ndarray:
+    a = np.full((96, 96, 3), 0.8, np.float32)
+    a[:, ::7], a[5::13] = 0.1, (0.1, 0.3, 0.5)
+    return a
+
+
+def smooth_diagonals() -> np.ndarray:
+    """Antialiased lines of one and a half pixels, each ten."""
+    y, x = np.mgrid[:96, :96]
+    apart = np.abs((x + y) / np.sqrt(2) % 10 - 5)
+    return (0.1 + 0.7 * np.clip(1.25 - apart, 0, 1)[..., None] * np.ones(3)).astype(np.float32)
+
+
+def edges() -> np.ndarray:
+    y, x = np.mgrid[:96, :96]
+    a = np.where((x > 41)[..., None], np.float32([0.9, 0.1, 0.1]), np.float32(0.2))
+    a[(y > 50) & (x < 30)] = 0.95
+    a[x + 2 * y > 220] = 0.02, 0.5, 0.03
+    return a
+
+
+def gradients() -> np.ndarray:
+    y, x = np.mgrid[:96, :96] / 96
+    return np.stack((x, 1 - y, (x * y) ** 2), -1).astype(np.float32) * 0.98 + 0.01
+
+
+def weak_noise() -> np.ndarray:
+    noise = np.random.default_rng(2).normal(0, 2 / 255, (96, 96, 1))
+    return (np.float32([0.3, 0.5, 0.7]) + noise).astype(np.float32)
+
+
+@pytest.mark.parametrize("albedo", [
+    np.full((96, 96, 3), 0.37, np.float32), gradients(), squares(4), squares(7), lines(),
+    smooth_diagonals(), edges(), weak_noise()],
+    ids=["constant", "gradients", "squares4", "squares7", "lines", "diagonals", "edges", "weak"])
+def test_what_pixels_resolve_stays(albedo):
+    assert np.array_equal(cleaned(albedo), albedo)
+    assert np.array_equal(in_pytorch(albedo), albedo)
+
+
+def test_grain_beside_a_texture_leaves_the_texture_alone():
+    albedo = np.concatenate((salt(96, 96), squares(4), lines()), 1)
+    out = cleaned(albedo)
+    assert np.array_equal(out[:, 96 + 24:], albedo[:, 96 + 24:])
+    assert out[INSIDE][:, :56].std() < albedo[INSIDE][:, :56].std() / 3
+
+
+# ---- The same everywhere -------------------------------------------------------------------------
+
+@pytest.mark.parametrize("height, width", SIZES)
+def test_pytorch_equals_numpy(height, width):
+    rng = np.random.default_rng(height * 100 + width)
+    for albedo in (rng.random((height, width, 3), np.float32), salt(height, width, 4),
+                   half_grainy(height, width), np.full((height, width, 3), 0.5, np.float32)):
+        np.testing.assert_allclose(in_pytorch(albedo), cleaned(albedo), atol=2e-6)
+
+
+def test_all_degrees_of_grain_are_compared():
+    """That what is compared here has shares of nothing, all and between."""
+    albedo = half_grainy(64, 320)
+    codes = kernel.encode(albedo, albedo, None, False)
+    cells = grain.shares(grain.windows(grain.cell_sums(grain.products(codes), grain.SIDE)))
+    assert (cells[0] == 0).any() and (cells[0] == 1).any() and len(np.unique(cells[0])) > 10
+    np.testing.assert_allclose(in_pytorch(albedo), cleaned(albedo), atol=2e-6)
+
+
+def test_what_has_no_albedo_is_left_alone_and_counts_for_nothing():
+    """In a batch of pictures with and without, one of them smaller and padded with zeros.
+    (Behind the centre of its last cell values would go on, not stay: here there is no such pixel.)
+    """
+    albedo = [salt(40, 48, 1), salt(40, 48, 2), half_grainy(27, 35)]
+    batch, here = torch.zeros(3, 3, 40, 48), torch.zeros(3, 1, 40, 48)
+    for k, a in enumerate(albedo):
+        batch[k, :, :a.shape[0], :a.shape[1]] = torch.from_numpy(a.transpose(2, 0, 1).copy())
+    here[0], here[2, :, :27, :35] = 1, 1
+    out = without_grain(batch, here)
+    assert torch.equal(out[1], batch[1])
+    assert (out[2][:, 27:] == 0).all() and (out[2][:, :, 35:] == 0).all()
+    for k in (0, 2):
+        h, w = albedo[k].shape[:2]
+        np.testing.assert_allclose(out[k, :, :h, :w].numpy().transpose(1, 2, 0),
+                                   cleaned(albedo[k]), atol=2e-6)
+
+
+def test_half_precision_around_it_changes_nothing():
+    albedo = torch.from_numpy(half_grainy(32, 96).transpose(2, 0, 1)[None].copy())
+    here = torch.ones_like(albedo[:, :1])
+    with torch.autocast("cpu", torch.bfloat16):
+        got = without_grain(albedo, here)
+    assert got.dtype == torch.float32 and torch.equal(got, without_grain(albedo, here))
+
+
+@pytest.mark.parametrize("height, width", [(37, 45), (16, 33), (21, 19), (11, 9)])
+def test_integers_in_pytorch_equal_the_reference(height, width, monkeypatch):
+    model = kernel.load(GOLDEN)
+    images, want, got = in_both(model, height, width)
+    assert np.abs(got - want).mean() < 2e-3 and np.median(np.abs(got - want)) < 1e-5
+    monkeypatch.setattr(kernel, "without_grain", lambda albedo, codes: albedo)
+    other = kernel.run_frame(model, pixels.Frame(images, "hdr", 1.0))
+    assert np.median(np.abs(other - want)) > 5e-3
+
+
+@pytest.mark.parametrize("bilateral", [0, *kernel.LAST_STEPS])
+def test_models_with_all_steps_see_the_albedo_without_grain(bilateral):
+    """One that gets it clean sees what one that gets it with its grain sees; not so the guide,
+    which is that of the albedo as it is where there are no normals."""
+    torch.manual_seed(1)
+    model = nets.build("k12", 0).eval()
+    model.bilateral = bilateral
+    x = torch.rand(1, 12, 64, 64) * 0.5
+    x[:, 9:11], x[:, 11] = 1, 0
+    albedo = salt(64, 64)
+    x[:, 3:6] = torch.from_numpy(albedo.transpose(2, 0, 1).copy())
+    clean = x.clone()
+    clean[:, 3:6] = without_grain(x[:, 3:6], x[:, 9:10])
+    assert torch.equal(without_grain(clean[:, 3:6], x[:, 9:10]), clean[:, 3:6])
+    with torch.no_grad():
+        assert torch.equal(model(x), model(clean)) == (bilateral == kernel.ALL_STEPS)
+        x[:, 10] = clean[:, 10] = 0
+        assert not torch.equal(model(x), model(clean))
+        x[:, 3:6] = x[:, 9:10] = 0
+        assert not torch.equal(model(x), model(clean))
+
+
+@pytest.mark.parametrize("features", [("albedo", "normal"), ("albedo",)])
+@pytest.mark.parametrize("height, width", [(19, 1500), (90, 300), (300, 90)])
+def test_the_program_gives_the_bytes_of_numpy(height, width, features, build, work):
+    program = build / "bin" / "oidnDenoise"
+    if not program.exists():
+        pytest.skip("optional: the programs are not built")
+    rng = np.random.default_rng(5)
+    albedo = half_grainy(height, width)
+    images = {"color": albedo * rng.gamma(1, 1, (height, width, 1)).astype(np.float32),
+              "albedo": albedo, "normal": rng.normal(0, 0.5, albedo.shape).astype(np.float32)}
+    images = {f: v for f, v in images.items() if f == "color" or f in features}
+    arguments = []
+    for name, option in (("color", "--hdr"), ("albedo", "--alb"), ("normal", "--nrm")):
+        if name in images:
+            write_pfm(Path(f"{name}.pfm"), images[name])
+            arguments += [option, f"{name}.pfm"]
+    want = kernel.run_frame(kernel.load(GOLDEN), pixels.Frame(images, "hdr", 1.0))
+    for more in ([], ["--maxmem", "4"], ["--threads", "3"]):
+        subprocess.run([program, "-w", GOLDEN, "-o", "out.pfm", "--is", "1", *arguments, *more],
+                       check=True, capture_output=True)
+        got = read_image(Path("out.pfm"))
+        assert (got.view(np.uint32) == want.view(np.uint32)).all(), more
+
+
+def test_gradients_pass_to_the_albedo():
+    x = torch.rand(1, 12, 32, 32)
+    x[:, 9:11], x[:, 11] = 1, 0
+    x.requires_grad_()
+    model = nets.build("k12", 0)
+    kernel_model.run(model.trunk, "pu", x).sum().backward()
+    assert x.grad[:, 3:6].abs().sum() > 0

@@ -1,0 +1,57 @@
+"""export.grain in PyTorch: where the albedo is noise from pixel to pixel, means of a wide window
+stand for it. Nothing of it is trained."""
+from __future__ import annotations
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from export.grain import (FLAT, MOST_VARIANCE, PAIRS, PER_CODE, SIDE, STEPS, WHITE_GAIN,
+                          WHITE_LEAST)
+from training.cells import between, cell_means
+from training.kernel_filter import planar
+from training.regression import windows
+
+
+def products(codes: Tensor, here: Tensor) -> Tensor:
+    """export.grain.products of tensors: codes of the albedo [N,3,H,W] -> [N,SUMS,H,W]; here: which
+    pixels count, 0 or 1, [N,1,H,W]."""
+    r, g, b = codes.split(1, 1)
+    light = ((r + 2.0 * g + b) / 4.0).floor()
+    squares = []
+    for dx, dy in STEPS:
+        there = F.pad(torch.cat((light, here), 1), (1, 1, 0, 1))
+        there = there[..., dy:dy + light.shape[2], 1 + dx:1 + dx + light.shape[3]]
+        square = (there[:, :1] - light).square() * there[:, 1:]
+        if dx:  # pairs within a cell
+            square[..., (SIDE - 1 if dx > 0 else 0)::SIDE] = 0.0
+        if dy:
+            square[..., SIDE - 1::SIDE, :] = 0.0
+        squares.append(square)
+    return torch.cat((torch.ones_like(light), light, light.square(), codes, *squares), 1) * here
+
+
+def shares(sums: Tensor) -> Tensor:
+    """export.grain.shares of tensors, [N,SUMS,H,W] -> [N,4,H,W]."""
+    m = 1.0 / sums[:, :1].clamp(min=1.0 / SIDE**2)
+    mean = sums[:, 1:2] * m
+    variance = sums[:, 2:3] * m - mean * mean
+    straight, diagonal = (sums[:, k:k + 2].amin(1, keepdim=True) for k in (6, 8))
+    steps = torch.minimum(straight * float(PAIRS[0]), diagonal * float(PAIRS[1]))
+    white = (steps * m) * (1.0 / variance.clamp(min=float(FLAT)))
+    share = (white * float(WHITE_GAIN) - float(WHITE_LEAST)).clamp(0.0, 1.0)
+    share = share * ((variance - float(FLAT)) * float(MOST_VARIANCE)).clamp(0.0, 1.0)
+    return torch.cat((share, (sums[:, 3:6] * m) * float(PER_CODE)), 1)
+
+
+def without_grain(albedo: Tensor, has_albedo: Tensor) -> Tensor:
+    """The albedo [N,3,H,W] in [0,1] less its grain; has_albedo: 0 or 1, [N,1,H,W], where it is 0
+    the albedo stays as it is and counts for nothing. Gradients pass to it as if shares and means
+    were constants."""
+    albedo, here = planar(albedo), planar(has_albedo)
+    with torch.no_grad():
+        codes = (albedo.clamp(0.0, 1.0) * 255.0 + 0.5).floor()  # as export.smooth.to_code
+        cells = shares(windows(cell_means(products(codes, here), SIDE)))
+        share, mean = between(cells, albedo.shape, SIDE).split((1, 3), 1)
+        share = share * here
+    return albedo + share * (mean - albedo)
