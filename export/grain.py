@@ -17,7 +17,8 @@ SIDE = 8                                # pixels of a cell
 STEPS = ((1, 0), (0, 1), (1, 1), (-1, 1))  # to a neighbour, (x, y)
 SUMS = 6 + len(STEPS)                   # of a cell: 1, L, L^2, r, g, b, squares of these steps
 PAIRS = F(4 / 7), F(32 / 49)            # half of a square by pixels, for 7 of 8 pairs, for 49 of 64
-WHITE_GAIN, WHITE_LEAST = F(5), F(3.5)  # of the step's square by twice the variance: 0.7 to 0.9
+WHITE = F(0.7)                          # of steps by the variance: from here on ...
+AROUND, OWN = F(5), F(4)                # ... to 0.9 of cells around, to 0.95 of one alone
 FLAT, MOST_VARIANCE = F(16), F(1 / 4096)
 PER_CODE = F(1 / 255)
 
@@ -43,21 +44,33 @@ def products(codes: np.ndarray) -> np.ndarray:
                      *np.moveaxis(codes[..., 3:6].astype(np.int32), -1, 0), *squares)).astype(F)
 
 
-def shares(sums: np.ndarray) -> np.ndarray:
-    """[SUMS,H,W] of `windows` -> [4,H,W]: how much of the mean stands for the albedo, the mean."""
+def shares(sums: np.ndarray, gain: np.float32) -> tuple[np.ndarray, np.ndarray]:
+    """Sums [SUMS,H,W] -> how much of the mean stands for the albedo, [H,W], and it, [3,H,W]."""
     m = F(1) / sums[0]
     mean = sums[1] * m
     variance = sums[2] * m - mean * mean
     straight, diagonal = np.minimum(sums[6], sums[7]), np.minimum(sums[8], sums[9])
     steps = np.minimum(straight * PAIRS[0], diagonal * PAIRS[1])
     white = (steps * m) * (F(1) / np.maximum(variance, FLAT))
-    share = np.clip(white * WHITE_GAIN - WHITE_LEAST, F(0), F(1))
+    share = np.clip((white - WHITE) * gain, F(0), F(1))
     share = share * np.clip((variance - FLAT) * MOST_VARIANCE, F(0), F(1))
-    return np.concatenate((share[None], np.minimum((sums[3:6] * m) * PER_CODE, F(1))))
+    return share, np.minimum((sums[3:6] * m) * PER_CODE, F(1))
+
+
+def cell_grain(sums: np.ndarray) -> np.ndarray:
+    """Sums of cells [SUMS,H,W] -> share and mean, [4,H,W]: by the cells around each, and where they
+    hold an edge by itself."""
+    share, mean = shares(windows(sums), AROUND)
+    own, own_mean = shares(sums, OWN)
+    own = (F(1) - share) * own
+    whole = share + own
+    part = own * np.divide(F(1), whole, out=np.zeros_like(whole), where=whole > 0)
+    part = np.minimum(part, F(1))
+    return np.concatenate((whole[None], mean + part * (own_mean - mean)))
 
 
 def without_grain(albedo: np.ndarray, codes: np.ndarray) -> np.ndarray:
     """The albedo [H,W,3] (in [0,1], black is white) less its grain; codes: of the input with it."""
-    cells = shares(windows(cell_sums(products(codes), SIDE)))
+    cells = cell_grain(cell_sums(products(codes), SIDE))
     share, *mean = between_cells(cells, albedo.shape[:2], SIDE)
     return albedo + share[..., None] * (np.stack(mean, -1) - albedo)

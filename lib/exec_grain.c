@@ -1,5 +1,5 @@
-/* Grain of the albedo (docs/kernel-prediction.md): found by cells of the input's codes, taken out of
- * them and of the albedo that divides. */
+/* Grain of the albedo (docs/kernel-prediction.md): found by cells of the input's codes, taken out
+ * of them and of the albedo that divides. */
 #include "exec.h"
 
 #define SIDE LULL_GRAIN_SIDE
@@ -99,10 +99,13 @@ void lull_exec_find_grain(const lull_task *t, unsigned x, unsigned y, unsigned n
     for (int i = 0; i < 3; i++)
         rows[i] = (const float *)(const void *)lull_exec_source(plan, source, (int)y + i - 1);
     for (; x < end; x++) {
-        float sums[LULL_GRAIN_SUMS], cell[4], *out = lull_exec_floats(plan, t->layer + 1, y, x);
-        for (unsigned k = 0; k < LULL_GRAIN_SUMS; k++)
-            sums[k] = sum_around(rows, k * from + x);
-        lull_grain(cell, sums);
+        float around[LULL_GRAIN_SUMS], own[LULL_GRAIN_SUMS], cell[4];
+        float *out = lull_exec_floats(plan, t->layer + 1, y, x);
+        for (unsigned k = 0; k < LULL_GRAIN_SUMS; k++) {
+            around[k] = sum_around(rows, k * from + x);
+            own[k] = rows[1][k * from + x];
+        }
+        lull_grain(cell, around, own);
         for (unsigned c = 0; c < 4; c++)
             out[c * plane] = cell[c];
     }
@@ -145,7 +148,8 @@ LULL_NOINLINE static int get_grain(grain_row *grain, const lull_task *t, unsigne
     unsigned cell[COUNT];
     float any = 0.0f;
     for (int i = 0; i < 2; i++)
-        rows[i] = lull_exec_floats(plan, tensor, (unsigned)lull_cell_near(SIDE, (int)y, i, down), 0);
+        rows[i] =
+            lull_exec_floats(plan, tensor, (unsigned)lull_cell_near(SIDE, (int)y, i, down), 0);
     for (unsigned i = 0; i < COUNT; i++) {
         cell[i] = (unsigned)lull_cell_near(SIDE, (int)(x + SIDE * i), 0, cells);
         any += rows[0][cell[i]] + rows[1][cell[i]];
@@ -163,7 +167,8 @@ LULL_NOINLINE static int get_grain(grain_row *grain, const lull_task *t, unsigne
 }
 
 /* Takes it out of n pixels of three planes of an albedo. */
-LULL_NOINLINE static void take_grain(float *albedo, size_t plane, const grain_row *grain, unsigned n)
+LULL_NOINLINE static void take_grain(float *albedo, size_t plane, const grain_row *grain,
+                                     unsigned n)
 {
     const float *share = grain->of[0] + HALF;
     for (unsigned c = 0; c < 3; c++, albedo += plane)

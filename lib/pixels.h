@@ -377,6 +377,9 @@ LULL_INLINE float lull_pixel_share(float share, uint8_t noise)
 #define LULL_GRAIN_SUMS (6u + LULL_GRAIN_STEPS) /* of a cell: 1, L, L L, r, g, b, squared steps */
 #define LULL_GRAIN_STRAIGHT 0.5714286f /* half of a step's square by pixels: 7 pairs of 8, ... */
 #define LULL_GRAIN_DIAGONAL 0.6530612f /* ... 49 of 64 */
+#define LULL_GRAIN_WHITE 0.7f
+#define LULL_GRAIN_AROUND 5.0f
+#define LULL_GRAIN_OWN 4.0f
 #define LULL_GRAIN_FLAT 16.0f
 #define LULL_GRAIN_MOST 0.00024414062f /* 1 by the variance from which on all may go */
 
@@ -386,21 +389,36 @@ LULL_INLINE int lull_grain_light(const uint8_t *code)
     return (code[0] + 2 * code[1] + code[2]) >> 2;
 }
 
-/* Of a cell, from the sums of it and those around it: the share of the mean in the albedo, and the
- * mean. */
-LULL_INLINE void lull_grain(float *cell, const float *sums)
+/* From sums: the share of the mean in the albedo, and the mean; gain: how fast it grows beyond
+ * LULL_GRAIN_WHITE. */
+LULL_INLINE void lull_grain_share(float *cell, const float *sums, float gain)
 {
     float m = 1.0f / sums[0], mean = sums[1] * m, v = sums[2] * m - mean * mean;
     float steps = (sums[6] < sums[7] ? sums[6] : sums[7]) * LULL_GRAIN_STRAIGHT;
     float diagonal = (sums[8] < sums[9] ? sums[8] : sums[9]) * LULL_GRAIN_DIAGONAL;
     float white = 1.0f / (v > LULL_GRAIN_FLAT ? v : LULL_GRAIN_FLAT), much;
-    white = (((steps < diagonal ? steps : diagonal) * m) * white) * 5.0f - 3.5f;
+    white = (((steps < diagonal ? steps : diagonal) * m) * white - LULL_GRAIN_WHITE) * gain;
     much = (v - LULL_GRAIN_FLAT) * LULL_GRAIN_MOST;
     white = white > 0.0f ? white : 0.0f;
     much = much > 0.0f ? much : 0.0f;
     cell[0] = (white < 1.0f ? white : 1.0f) * (much < 1.0f ? much : 1.0f);
     for (int c = 0; c < 3; c++)
         cell[1 + c] = lull_sane((sums[3 + c] * m) * (1.0f / 255.0f), 1.0f, 0.0f, 1.0f);
+}
+
+/* The same of a cell, from sums over it and those around it, and over itself. */
+LULL_INLINE void lull_grain(float *cell, const float *around, const float *own)
+{
+    float other[4], whole, part;
+    lull_grain_share(cell, around, LULL_GRAIN_AROUND);
+    lull_grain_share(other, own, LULL_GRAIN_OWN);
+    other[0] = (1.0f - cell[0]) * other[0];
+    whole = cell[0] + other[0];
+    part = whole > 0.0f ? other[0] * (1.0f / whole) : 0.0f;
+    part = part < 1.0f ? part : 1.0f;
+    cell[0] = whole;
+    for (int c = 1; c < 4; c++)
+        cell[c] = cell[c] + part * (other[c] - cell[c]);
 }
 
 #endif

@@ -6,8 +6,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from export.grain import (FLAT, MOST_VARIANCE, PAIRS, PER_CODE, SIDE, STEPS, WHITE_GAIN,
-                          WHITE_LEAST)
+from export.grain import AROUND, FLAT, MOST_VARIANCE, OWN, PAIRS, PER_CODE, SIDE, STEPS, WHITE
 from training.cells import between, cell_means
 from training.kernel_filter import planar
 from training.regression import windows
@@ -31,17 +30,26 @@ def products(codes: Tensor, here: Tensor) -> Tensor:
     return torch.cat((torch.ones_like(light), light, light.square(), codes, *squares), 1) * here
 
 
-def shares(sums: Tensor) -> Tensor:
-    """export.grain.shares of tensors, [N,SUMS,H,W] -> [N,4,H,W]."""
+def shares(sums: Tensor, gain: float) -> tuple[Tensor, Tensor]:
+    """export.grain.shares of tensors, [N,SUMS,H,W] -> [N,1,H,W] and [N,3,H,W]."""
     m = 1.0 / sums[:, :1].clamp(min=1.0 / SIDE**2)
     mean = sums[:, 1:2] * m
     variance = sums[:, 2:3] * m - mean * mean
     straight, diagonal = (sums[:, k:k + 2].amin(1, keepdim=True) for k in (6, 8))
     steps = torch.minimum(straight * float(PAIRS[0]), diagonal * float(PAIRS[1]))
     white = (steps * m) * (1.0 / variance.clamp(min=float(FLAT)))
-    share = (white * float(WHITE_GAIN) - float(WHITE_LEAST)).clamp(0.0, 1.0)
+    share = ((white - float(WHITE)) * gain).clamp(0.0, 1.0)
     share = share * ((variance - float(FLAT)) * float(MOST_VARIANCE)).clamp(0.0, 1.0)
-    return torch.cat((share, (sums[:, 3:6] * m) * float(PER_CODE)), 1)
+    return share, ((sums[:, 3:6] * m) * float(PER_CODE)).clamp(max=1.0)
+
+
+def cell_grain(sums: Tensor) -> Tensor:
+    """export.grain.cell_grain of tensors, [N,SUMS,H,W] -> [N,4,H,W]."""
+    share, mean = shares(windows(sums), float(AROUND))
+    own, own_mean = shares(sums, float(OWN))
+    own = (1.0 - share) * own
+    whole = share + own
+    return torch.cat((whole, mean + own / whole.clamp(min=1e-12) * (own_mean - mean)), 1)
 
 
 def without_grain(albedo: Tensor, has_albedo: Tensor) -> Tensor:
@@ -51,7 +59,7 @@ def without_grain(albedo: Tensor, has_albedo: Tensor) -> Tensor:
     albedo, here = planar(albedo), planar(has_albedo)
     with torch.no_grad():
         codes = (albedo.clamp(0.0, 1.0) * 255.0 + 0.5).floor()  # as export.smooth.to_code
-        cells = shares(windows(cell_means(products(codes, here), SIDE)))
+        cells = cell_grain(cell_means(products(codes, here), SIDE))
         share, mean = between(cells, albedo.shape, SIDE).split((1, 3), 1)
         share = share * here
     return albedo + share * (mean - albedo)

@@ -169,12 +169,14 @@ KERNEL_OF_PIXELS grain_sums(__global uchar *memory, __global const uchar *model,
 KERNEL_OF_PIXELS grain(__global uchar *memory, __global const uchar *model, lull_cl_filter a)
 {
     int x = get_global_id(0), y = get_global_id(1);
-    float sum[LULL_GRAIN_SUMS], cell[4];
+    float around[LULL_GRAIN_SUMS], own[LULL_GRAIN_SUMS], cell[4];
     if (x >= a.inside_width || y >= a.inside_height)
         return;
-    for (uint k = 0; k < LULL_GRAIN_SUMS; k++)
-        sum[k] = sum_around(memory, &a, x, y, k);
-    lull_grain(cell, sum);
+    for (uint k = 0; k < LULL_GRAIN_SUMS; k++) {
+        around[k] = sum_around(memory, &a, x, y, k);
+        own[k] = sum_at(memory, &a, x, y, k);
+    }
+    lull_grain(cell, around, own);
     *floats_at(memory, a.out, x, y) = (float4)(cell[0], cell[1], cell[2], cell[3]);
 }
 
