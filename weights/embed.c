@@ -39,6 +39,7 @@ static int fail(const char *what, const char *why)
 }
 
 /* What of a source matters. */
+enum { NONE, OPENING, INSIDE };
 typedef struct filter {
     int is_on, before, is_comment, is_indented;
 } filter;
@@ -51,15 +52,14 @@ static int stays(filter *f, int c, int next)
     if (!f->is_on)
         return 1;
     if (!f->is_comment && c == '/' && next == '*') {
-        f->is_comment = 1;
-        f->before = 0;
+        f->is_comment = OPENING;
         return 0;
     }
-    f->before = c;
+    f->before = f->is_comment == OPENING ? 0 : c; /* its asterisk ends no comment */
     if (c == '\n')
         return f->is_indented = 1;
     if (f->is_comment) {
-        f->is_comment = !ends;
+        f->is_comment = ends ? NONE : INSIDE;
         return 0;
     }
     f->is_indented = f->is_indented && c == ' ';
@@ -71,7 +71,7 @@ static int stays(filter *f, int c, int next)
 static unsigned long put_bytes(FILE *out, const char *path, int is_source)
 {
     FILE *in = fopen(path, "rb");
-    filter f = {is_source, 0, 0, 1};
+    filter f = {is_source, 0, NONE, 1};
     unsigned long bytes = 0;
     int c, next;
 
