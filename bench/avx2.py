@@ -79,13 +79,17 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--size", default="1920x1080", metavar="WxH")
     args = parser.parse_args(argv)
-    binary = oidn.theirs("oidnBenchmark")
-    with tempfile.TemporaryDirectory() as folder:
-        copy = Path(shutil.copytree(binary.parent.parent, Path(folder) / "oidn"))
-        for library in (copy / "lib").glob("libOpenImageDenoise_device_cpu.so*"):
-            if not library.is_symlink():
-                hold_to_avx2(library)
-        rounds = compare(copy, args)
+    try:
+        binary = oidn.theirs("oidnBenchmark")
+        with tempfile.TemporaryDirectory() as folder:
+            copy = Path(shutil.copytree(binary.parent.parent, Path(folder) / "oidn"))
+            for library in (copy / "lib").glob("libOpenImageDenoise_device_cpu.so*"):
+                if not library.is_symlink():
+                    hold_to_avx2(library)
+            rounds = compare(copy, args)
+    except (oidn.PeerError, OSError, subprocess.CalledProcessError) as error:
+        print(f"bench-avx2: {error}", file=sys.stderr)
+        return 2
     for i, quality in enumerate(QUALITIES, 1):
         ratio, ms = (statistics.median(v) for v in zip(*((r[0] / r[i], r[i]) for r in rounds)))
         print(f"{quality}: {ratio:.1f} times OIDN balanced, {ms:.1f} ms")

@@ -144,29 +144,17 @@ const float *lull_exec_aux(const lull_task *t, unsigned feature, float *block, u
  * K. */
 void lull_exec_finish(float *v, const lull_plan *plan, unsigned channels, unsigned n);
 
-/* Shares of runs of pixels from a column on, at most LULL_MIXED pixels; the first run may begin
- * before. */
+/* Shares of the input in the output, from a column on, at most LULL_MIXED pixels: of runs, the
+ * first of which may begin before. */
 #define LULL_MIXED 512u
 typedef struct lull_run_shares {
-    int first, any; /* any, of those of the input: 0 if all are 0 */
+    int first, any; /* any: 0 if all are 0 */
     float of[LULL_MIXED / LULL_RUN + 2];
 } lull_run_shares;
-/* Sets `first` for columns [x, x+n) of the image; returns how many runs they need. */
-unsigned lull_exec_runs(lull_run_shares *shares, const lull_task *t, unsigned x, unsigned n);
-/* Pixels of a run that are held, from *column of the strip on; 0, and *column as it was, if none
- * are. */
-unsigned lull_exec_run(const lull_task *t, int run, unsigned *column);
-/* Sums of v[i] .. v[i + 2 * beside] in the place of v[i], for i < count. */
-void lull_exec_sum_around(uint16_t *v, unsigned count, unsigned beside);
-/* The shares of n pixels from column x of the image on, linear between the middles of runs; 1 if
- * some are above 0, as `any` and the runs tell. */
-void lull_exec_between_runs(float *share, const lull_run_shares *shares, const lull_task *t,
-                            unsigned x, unsigned n);
-int lull_exec_has_share(const lull_run_shares *shares, const lull_task *t, unsigned x, unsigned n);
-
-/* Shares of the input in the output. */
 void lull_exec_shares(lull_run_shares *shares, const lull_task *t, unsigned x, unsigned y,
                       unsigned n);
+/* 1 if some of n of these pixels have input in them. */
+int lull_exec_has_share(const lull_run_shares *shares, const lull_task *t, unsigned x, unsigned n);
 /* Mixes the input into n of them (r,g,b), at most LULL_BLOCK; `block` has room for as many. */
 void lull_exec_mix(float *v, const lull_run_shares *shares, const lull_task *t, float *block,
                    unsigned x, unsigned y, unsigned n);

@@ -4,6 +4,60 @@
 
 enum { SUMMED = LULL_MIXED / LULL_RUN + 2 + 2 * LULL_RUNS_BESIDE };
 
+/* The run before whose middle, or after it (next), a pixel is; the nearest at the edges. */
+static int run_near(const lull_task *t, unsigned x, int next)
+{
+    return lull_cell_near(LULL_RUN, (int)x, next,
+                          (int)lull_cell_count(LULL_RUN, t->plan->frame.width));
+}
+
+/* Sets `first` for columns [x, x+n) of the image; returns how many runs they need. */
+static unsigned find_runs(lull_run_shares *shares, const lull_task *t, unsigned x, unsigned n)
+{
+    shares->first = run_near(t, x, 0);
+    return (unsigned)(run_near(t, x + n - 1, 1) - shares->first) + 1;
+}
+
+/* Pixels of a run that are held, from *column of the strip on; 0, and *column as it was, if none
+ * are. */
+static unsigned held_run(const lull_task *t, int run, unsigned *column)
+{
+    int left = run * (int)LULL_RUN, end = (int)(t->left + lull_exec_inside(t));
+    if (left < (int)t->left || left >= end)
+        return 0;
+    *column = (unsigned)left - t->left;
+    return lull_min_u(LULL_RUN, (unsigned)(end - left));
+}
+
+/* Sums of v[i] .. v[i + 2 * beside] in the place of v[i], for i < count. */
+LULL_NOINLINE static void sum_around(uint16_t *v, unsigned count, unsigned beside)
+{
+    unsigned sum = 0;
+    for (unsigned i = 0; i < 2 * beside; i++)
+        sum += v[i];
+    for (unsigned i = 0; i < count; i++) {
+        uint16_t leaves = v[i];
+        sum += v[i + 2 * beside];
+        v[i] = (uint16_t)sum;
+        sum -= leaves;
+    }
+}
+
+/* The shares of n pixels from column x of the image on, linear between the middles of runs. */
+static void go_between(float *share, const lull_run_shares *shares, const lull_task *t, unsigned x,
+                       unsigned n)
+{
+    unsigned count;
+    for (unsigned end = x + n; x < end; x += count) { /* between the middles of two runs */
+        float before = shares->of[run_near(t, x, 0) - shares->first];
+        float after = shares->of[run_near(t, x, 1) - shares->first];
+        float part = lull_cell_part(LULL_RUN, (int)x);
+        count = lull_min_u(LULL_RUN - (x + LULL_RUN / 2) % LULL_RUN, end - x);
+        for (unsigned i = 0; i < count; i++, part += 1.0f / LULL_RUN)
+            *share++ = before + part * (after - before);
+    }
+}
+
 /* The sum of n bytes, at most LULL_RUN. */
 static uint32_t sum_bytes(const uint8_t *v, unsigned n)
 {
@@ -34,19 +88,29 @@ void lull_exec_shares(lull_run_shares *shares, const lull_task *t, unsigned x, u
         return;
     noise = lull_exec_noise(plan, tensor, y, 0);
     per_code = lull_exec_has_features(plan) ? LULL_SHARE_PER_CODE : LULL_SHARE_PER_CODE_ALONE;
-    count = lull_exec_runs(shares, t, x, n);
+    count = find_runs(shares, t, x, n);
     for (unsigned i = 0; i < count + 2 * LULL_RUNS_BESIDE; i++) {
-        unsigned here = lull_exec_run(t, shares->first + (int)i - LULL_RUNS_BESIDE, &column);
+        unsigned here = held_run(t, shares->first + (int)i - LULL_RUNS_BESIDE, &column);
         uint32_t sum = sum_bytes(noise + column, here);
         pixels[i] = (uint16_t)lull_noisy(here, here, sum);
         codes[i] = (uint16_t)lull_noisy(sum, here, sum);
     }
-    lull_exec_sum_around(pixels, count, LULL_RUNS_BESIDE);
-    lull_exec_sum_around(codes, count, LULL_RUNS_BESIDE);
+    sum_around(pixels, count, LULL_RUNS_BESIDE);
+    sum_around(codes, count, LULL_RUNS_BESIDE);
     for (unsigned i = 0; i < count; i++) {
         shares->of[i] = lull_run_share((float)pixels[i], (float)codes[i], per_code);
         shares->any |= shares->of[i] > 0.0f;
     }
+}
+
+int lull_exec_has_share(const lull_run_shares *shares, const lull_task *t, unsigned x, unsigned n)
+{
+    if (!shares->any)
+        return 0;
+    for (int i = run_near(t, x, 0); i <= run_near(t, x + n - 1, 1); i++)
+        if (shares->of[i - shares->first] > 0.0f)
+            return 1;
+    return 0;
 }
 
 void lull_exec_mix(float *v, const lull_run_shares *shares, const lull_task *t, float *block,
@@ -57,7 +121,7 @@ void lull_exec_mix(float *v, const lull_run_shares *shares, const lull_task *t, 
         t->plan, lull_graph_mixed_by(&t->plan->model->graph), y, x - t->left);
     lull_encoding from = {0};
     lull_curve sane = {LULL_TRANSFER_LINEAR, 1.0f, 0.0f, 0.0f, 0};
-    lull_exec_between_runs(share, shares, t, x, n);
+    go_between(share, shares, t, x, n);
     lull_exec_radiance(&from, t, block, x, y, n);
     sane.scale = from.scale;
     sane.high = from.most;

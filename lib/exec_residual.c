@@ -113,8 +113,8 @@ void lull_exec_correct(const lull_task *t, unsigned x, unsigned y, unsigned n, u
     const lull_plan *plan = t->plan;
     const lull_layer *layer = &plan->model->graph.layer[t->layer];
     unsigned tensor = layer->source[0], sums = layer->source[1], width = lull_exec_inside(t);
-    unsigned down = (plan->frame.height + LULL_CELL - 1) / LULL_CELL;
-    int across = (int)((t->left + width + LULL_CELL - 1) / LULL_CELL);
+    unsigned down = lull_cell_count(LULL_CELL, plan->frame.height);
+    int across = (int)lull_cell_count(LULL_CELL, t->left + width);
     size_t plane = lull_exec_plane(plan, tensor), out_plane = lull_exec_plane(plan, t->layer + 1);
     unsigned end = y < plan->frame.height ? lull_min_u(x + n, width) : 0;
     int held = (int)(t->left / LULL_CELL); /* the first cell that is */
