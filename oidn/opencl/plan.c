@@ -34,29 +34,39 @@ static uint64_t tile_bytes(lull_engine_plan *plan, unsigned width, unsigned heig
     return plan->schedule.bytes;
 }
 
-/* Halves the longer side of the tiles until they fit. */
+/* Side of tiles, so many of them in a row or column. */
+static unsigned tile_side(unsigned side, unsigned count, unsigned align)
+{
+    return (unsigned)lull_align_up((side + count - 1) / count, align);
+}
+
+/* As few and as equal tiles as fit: one more along their longer side until they do. */
 static bool choose_tiles(lull_engine_plan *plan, uint64_t model_bytes, lull_fault *fault)
 {
     const lull_frame *frame = &plan->host.frame;
     const unsigned align = 1u << plan->host.model->graph.levels;
     uint64_t most = plan->cl->most_bytes < MOST_BYTES ? plan->cl->most_bytes : MOST_BYTES;
-    unsigned *longer;
+    unsigned columns = 1, rows = 1;
 
     if (frame->max_bytes && frame->max_bytes < most + model_bytes)
         most = frame->max_bytes - model_bytes; /* set_limits has asked for the minimum */
-    plan->tile_width = plan->host.width;
-    plan->tile_height = plan->host.height;
     if (frame->strip_width) { /* the overlap then costs about as much again */
-        plan->tile_width = lull_min_u(2 * frame->strip_width, plan->host.width);
-        plan->tile_height = lull_min_u(2 * frame->strip_width, plan->host.height);
+        columns = (plan->host.width + 2 * frame->strip_width - 1) / (2 * frame->strip_width);
+        rows = (plan->host.height + 2 * frame->strip_width - 1) / (2 * frame->strip_width);
     }
-    while (tile_bytes(plan, plan->tile_width, plan->tile_height) > most) {
-        longer = plan->tile_width > plan->tile_height ? &plan->tile_width : &plan->tile_height;
-        if (*longer == align)
+    for (;;) {
+        plan->tile_width = tile_side(plan->host.width, columns, align);
+        plan->tile_height = tile_side(plan->host.height, rows, align);
+        if (tile_bytes(plan, plan->tile_width, plan->tile_height) <= most)
+            break;
+        if (lull_max_u(plan->tile_width, plan->tile_height) == align)
             return lull_fail(fault, OIDN_ERROR_OUT_OF_MEMORY,
                              "the OpenCL device %s needs blocks of %llu bytes for this filter",
                              plan->cl->name, (unsigned long long)plan->schedule.bytes);
-        *longer = (unsigned)lull_align_up(*longer / 2, align);
+        if (plan->tile_width > plan->tile_height)
+            columns++;
+        else
+            rows++;
     }
     plan->bytes = plan->schedule.bytes + model_bytes;
     plan->tiles = ((plan->host.width + plan->tile_width - 1) / plan->tile_width) *
