@@ -22,6 +22,7 @@ NOISE_SHARE = F(0.05)            # of a correction, per noise code
 MOST_LACKING, MOST_GAIN = F(200), F(0.5)
 SPARK = F(2)
 SPARKS_LEAST, SPARKS_SQUARED = F(20), F(0.3)
+ABOVE, BESIDE, FAR_SPARKS_SQUARED = 4, 6, F(0.1)  # cells of the wide window, and its sparks
 RUN, RUNS_BESIDE = 16, 4         # pixels of a row, and how many runs count to either side
 NOISY = F(1)                     # mean code of runs that tell how much noise there is
 MOST_SHARE = F(0.5)              # of the input
@@ -95,24 +96,42 @@ def smoothed(out: np.ndarray, noise: np.ndarray, guide: np.ndarray,
     return out + total * (F(1) / weights)
 
 
-def sums_around(v: np.ndarray) -> np.ndarray:
-    """Sums of each three rows by five columns of cells, [C,H,W]."""
-    v = np.pad(v, ((0, 0), (1, 1), (2, 2)))
-    v = (v[:, :-2] + v[:, 1:-1]) + v[:, 2:]
-    n = v.shape[2] - 4
+def _columns_summed(v: np.ndarray, count: int) -> np.ndarray:
+    """Sums of each `count` columns, from the left. [C,H,W] -> [C,H,W - count + 1]."""
+    n = v.shape[2] - count + 1
     total = v[..., :n]
-    for k in range(1, 5):
+    for k in range(1, count):
         total = total + v[..., k:k + n]
     return total
 
 
+def sums_around(v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Sums of cells around each: of three rows by five columns, and of ABOVE rows above, it and one
+    below by BESIDE columns on either side; twice [C,H,W]."""
+    h = v.shape[1]
+    v = np.pad(v, ((0, 0), (ABOVE, 1), (BESIDE, BESIDE)))
+    row = [v[:, k:k + h] for k in range(ABOVE + 2)]
+    near = (row[ABOVE - 1] + row[ABOVE]) + row[ABOVE + 1]
+    far = near + ((row[0] + row[1]) + row[2])
+    return (_columns_summed(near[..., BESIDE - 2:2 - BESIDE], 5),
+            _columns_summed(far, 2 * BESIDE + 1))
+
+
+def _lacking(q: np.ndarray, squares: np.ndarray, base: np.ndarray, lit: np.ndarray,
+             sparks_squared: np.float32) -> np.ndarray:
+    """What sums over cells say that the result lacks, but for chance and sparks."""
+    share = np.maximum(F(1) - squares / (q * q + F(1e-6)), F(0))
+    most = SPARKS_LEAST + sparks_squared * lit * lit
+    return np.clip(share * np.minimum(q, most) / (base + F(32)), -MOST_GAIN, MOST_GAIN)
+
+
 def cell_gains(sums: np.ndarray) -> np.ndarray:
     """What the result lacks, relative to it, from cell_sums of q, q q, what may be corrected, and
-    sparks. [4,H,W] -> [H,W]."""
-    q, squares, base, lit = sums_around(sums)
-    share = np.maximum(F(1) - squares / (q * q + F(1e-6)), F(0))
-    q = np.minimum(q, SPARKS_LEAST + SPARKS_SQUARED * lit * lit)
-    return np.clip(share * q / (base + F(32)), -MOST_GAIN, MOST_GAIN)
+    sparks: what the wide window says, and what the near one says beyond. [4,H,W] -> [H,W]."""
+    (q, squares, base, lit), far = sums_around(sums)
+    expected = _lacking(*far, FAR_SPARKS_SQUARED)
+    own = _lacking(q - expected * base, squares, base, lit, SPARKS_SQUARED)
+    return np.clip(expected + own, -MOST_GAIN, MOST_GAIN)
 
 
 def corrected(out: np.ndarray, smooth: np.ndarray, noise: np.ndarray,

@@ -33,7 +33,7 @@
 
 #include "pixels.h"
 
-#define LULL_GAIN_REACH 64u /* columns to either side on which a correction depends */
+#define LULL_GAIN_REACH 128u /* columns to either side on which a correction depends */
 #define LULL_FIT_REACH 12u  /* and those in the cells on either side whose coefficients it reads */
 
 /* A row of the result, 3 planes, `plane` floats apart, and its guide (kernels.h). */

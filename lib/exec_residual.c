@@ -56,32 +56,50 @@ void lull_exec_residual(const lull_task *t, unsigned x, unsigned y, unsigned n, 
     }
 }
 
+enum { ROWS = LULL_CELLS_ABOVE + 2, SOME = 16 }; /* of a window; cells at once */
+
 /* The two rows of cells whose centres lie around a row of pixels, and where it lies between. */
 typedef struct cell_rows {
-    const float *rows[2][3]; /* sums of cells of the row above, of it, and of the one below */
+    const float *rows[ROWS + 1]; /* sums of cells of the rows above the first, ... */
     size_t plane;
+    int next;    /* 1: the second is the one after the first, 0: it is the same */
+    int columns; /* that are held */
     float part;
 } cell_rows;
 
-enum { SOME = 16 }; /* cells at once */
-
-/* Gains of n cells from column x on of one of the two rows, from the sums over each three rows by
- * five columns around them. */
-static void find_row(float *gain, const cell_rows *cells, unsigned row, int x, unsigned n)
+/* Sums of n times `count` columns, from the left. */
+static void sum_windows(float (*sums)[LULL_CELL_SUMS], unsigned c, const float *column,
+                        unsigned count, unsigned n)
 {
-    float sums[LULL_CELL_SUMS][SOME], column[SOME + 4];
+    for (unsigned k = 0; k < n; k++) {
+        float sum = column[k];
+        for (unsigned i = 1; i < count; i++)
+            sum += column[k + i];
+        sums[k][c] = sum;
+    }
+}
+
+/* Gains of n cells from column x on of one of the two rows, from the sums around them. */
+static void find_row(float *gain, const cell_rows *cells, int row, int x, unsigned n)
+{
+    float near[SOME][LULL_CELL_SUMS], far[SOME][LULL_CELL_SUMS];
+    float three[SOME + 2 * LULL_CELLS_BESIDE], all[SOME + 2 * LULL_CELLS_BESIDE];
     for (unsigned c = 0; c < LULL_CELL_SUMS; c++) {
-        const float *above = cells->rows[row][0] + c * cells->plane + x;
-        const float *here = cells->rows[row][1] + c * cells->plane + x;
-        const float *below = cells->rows[row][2] + c * cells->plane + x;
-        for (int k = 0; k < (int)n + 4; k++)
-            column[k] = (above[k - 2] + here[k - 2]) + below[k - 2];
-        for (unsigned k = 0; k < n; k++)
-            sums[c][k] = (((column[k] + column[k + 1]) + column[k + 2]) + column[k + 3]) +
-                         column[k + 4];
+        for (int k = 0; k < (int)n + 2 * LULL_CELLS_BESIDE; k++) {
+            int at = x + k - LULL_CELLS_BESIDE;
+            const float *const *rows = cells->rows + row;
+            three[k] = all[k] = 0.0f;
+            if (at < 0 || at >= cells->columns)
+                continue;
+            at += (int)(c * cells->plane);
+            three[k] = (rows[3][at] + rows[4][at]) + rows[5][at];
+            all[k] = three[k] + ((rows[0][at] + rows[1][at]) + rows[2][at]);
+        }
+        sum_windows(near, c, three + LULL_CELLS_BESIDE - 2, 5, n);
+        sum_windows(far, c, all, 2 * LULL_CELLS_BESIDE + 1, n);
     }
     for (unsigned k = 0; k < n; k++)
-        gain[k] = lull_cell_gain(sums[0][k], sums[1][k], sums[2][k], sums[3][k]);
+        gain[k] = lull_cell_gain(near[k], far[k]);
 }
 
 /* Gains of n cells, between those of both rows, for a row of pixels. */
@@ -89,7 +107,7 @@ static void find_gains(float *gain, const cell_rows *cells, int x, unsigned n)
 {
     float below[SOME];
     find_row(gain, cells, 0, x, n);
-    find_row(below, cells, 1, x, n);
+    find_row(below, cells, cells->next, x, n);
     for (unsigned k = 0; k < n; k++)
         gain[k] += cells->part * (below[k] - gain[k]);
 }
@@ -118,6 +136,7 @@ void lull_exec_correct(const lull_task *t, unsigned x, unsigned y, unsigned n, u
     size_t plane = lull_exec_plane(plan, tensor), out_plane = lull_exec_plane(plan, t->layer + 1);
     unsigned end = y < plan->frame.height ? lull_min_u(x + n, width) : 0;
     int held = (int)(t->left / LULL_CELL); /* the first cell that is */
+    int near_row = lull_cell_near(LULL_CELL, (int)y, 0, (int)down);
     float *out = lull_exec_floats(plan, t->layer + 1, y, 0);
     const float *v = lull_exec_floats(plan, tensor, y, 0);
     const uint8_t *noise = lull_exec_noise(plan, tensor, y, 0);
@@ -125,10 +144,11 @@ void lull_exec_correct(const lull_task *t, unsigned x, unsigned y, unsigned n, u
     (void)worker;
     cells.plane = lull_exec_plane(plan, sums);
     cells.part = lull_cell_part(LULL_CELL, (int)y);
-    for (unsigned k = 0; k < 6; k++) {
-        int row = lull_cell_near(LULL_CELL, (int)y, (int)k / 3, (int)down) + (int)(k % 3) - 1;
-        cells.rows[k / 3][k % 3] = (const float *)(const void *)lull_exec_source(plan, sums, row);
-    }
+    cells.columns = across - held;
+    cells.next = lull_cell_near(LULL_CELL, (int)y, 1, (int)down) - near_row;
+    for (int k = 0; k < ROWS + 1; k++)
+        cells.rows[k] = (const float *)(const void *)lull_exec_source(
+            plan, sums, near_row + k - LULL_CELLS_ABOVE);
     while (x < end) {
         unsigned stop = lull_min_u(x + (SOME - 2) * LULL_CELL, end);
         int first = lull_cell_near(LULL_CELL, (int)(t->left + x), 0, across), last;

@@ -72,7 +72,7 @@ typedef enum lull_reads {
     LULL_READS_COARSE, /* of half the resolution: (y+1)/2 - 1 and (y+1)/2 */
     LULL_READS_FINE,   /* of twice the resolution: 2y, 2y+1 */
     LULL_READS_CELL,   /* of 16 times the resolution: 16y .. 16y+15 */
-    LULL_READS_CELLS,  /* of a 16th of it: one before the two nearest, they, and one after */
+    LULL_READS_CELLS,  /* of a 16th of it: four before the two nearest, they, and one after */
     LULL_READS_8,      /* of 8 times the resolution: 8y .. 8y+7 */
     LULL_READS_EIGHTH  /* of an eighth of it: the two nearest */
 } lull_reads;

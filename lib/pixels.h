@@ -298,6 +298,8 @@ LULL_INLINE float lull_regressed(float v, const float *f, const float *b)
 #define LULL_CELL 16u        /* pixels, in either direction */
 #define LULL_CELL_LEVEL 4u   /* log2 of it */
 #define LULL_CELL_SUMS 4u    /* of a cell: q, q q, what may be corrected, sparks */
+#define LULL_CELLS_ABOVE 4   /* rows of cells above, and ... */
+#define LULL_CELLS_BESIDE 6  /* ... columns on either side, that correct a cell, too */
 #define LULL_BALANCE_EPSILON 0.15f /* three times 0.05 */
 #define LULL_NOISE_SHARE 0.05f     /* of a correction, per noise code */
 #define LULL_MOST_LACKING 200.0f   /* of one pixel: single sparks are chance */
@@ -318,16 +320,29 @@ LULL_INLINE void lull_balance_of(float *sums, const float *p, const float *r, ui
     sums[3] = lit < 1.0f ? lit : 1.0f;
 }
 
-/* The correction of a cell from the sums of it and those around it: of the sum of q the share that
- * is not chance, 1 - (sum of q q) / (sum of q)^2, which is 0 for one pixel and 1 - 1/n for n alike,
- * spread over what may be corrected. Few sparks are not light but fireflies: of n of them no more
- * counts than 20 + 0.3 n^2. */
-LULL_INLINE float lull_cell_gain(float q, float squares, float base, float sparks)
+LULL_INLINE float lull_most_gain(float gain)
 {
-    float share = 1.0f - squares / (q * q + 1e-6f), most = 20.0f + 0.3f * sparks * sparks;
-    float gain = (share > 0.0f ? share : 0.0f) * (q < most ? q : most) / (base + 32.0f);
     gain = gain < -LULL_MOST_GAIN ? -LULL_MOST_GAIN : gain;
     return gain > LULL_MOST_GAIN ? LULL_MOST_GAIN : gain;
+}
+
+/* What sums over cells say that the result lacks, relative to it: of the sum of q the share that is
+ * not chance, 1 - (sum of q q) / (sum of q)^2, which is 0 for one pixel and 1 - 1/n for n alike,
+ * spread over what may be corrected. Few sparks are not light but fireflies: of n of them no more
+ * counts than 20 + sparks n^2. */
+LULL_INLINE float lull_lacking(float q, const float *sums, float sparks)
+{
+    float share = 1.0f - sums[1] / (q * q + 1e-6f), most = 20.0f + sparks * sums[3] * sums[3];
+    return lull_most_gain((share > 0.0f ? share : 0.0f) * (q < most ? q : most) /
+                          (sums[2] + 32.0f));
+}
+
+/* The correction of a cell: what the sums over cells far around it say, and what those over the
+ * cells beside it say beyond that. */
+LULL_INLINE float lull_cell_gain(const float *near, const float *far)
+{
+    float gain = lull_lacking(far[0], far, 0.1f);
+    return lull_most_gain(gain + lull_lacking(near[0] - gain * near[2], near, 0.3f));
 }
 
 /* ---- Some of the input where there is little noise ------------------------------------------- */

@@ -26,7 +26,7 @@ static unsigned rows_ready(lull_reads reads, unsigned rows, unsigned height, uns
 /* The first row of a source that a layer still needs whose next row (before pooling) is `row`. */
 static unsigned rows_needed(lull_reads reads, unsigned row)
 {
-    static const uint8_t above[] = {0, 1, 2, 4, 1, 0, 0, 2, 0, 1};
+    static const uint8_t above[] = {0, 1, 2, 4, 1, 0, 0, LULL_CELLS_ABOVE + 1, 0, 1};
     if (reads == LULL_READS_CELL)
         row = LULL_CELL * row;
     if (reads == LULL_READS_CELLS)

@@ -15,11 +15,12 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from export.kernel import LAST_STEPS
-from export.smooth import (BALANCE_EPS, CELL, FAR_OFFSETS, GUIDE_GAIN, LEAST_NOISE, LESS_OF_SPARKS,
-                           MOST_GAIN, MOST_LACKING, MOST_SHARE, NOISE_EPS, NOISE_GAIN, NOISE_SHARE,
-                           NOISY, OFFSETS, RESULT_GAIN, RUN, RUNS_BESIDE, SHARE_PER_CODE,
-                           SHARE_PER_CODE_ALONE, SPARK, SPARKS_LEAST, SPARKS_SQUARED, WIDTH_MAX,
-                           WIDTH_MIN, WIDTH_PER_CODE)
+from export.smooth import (ABOVE, BALANCE_EPS, BESIDE, CELL, FAR_OFFSETS, FAR_SPARKS_SQUARED,
+                           GUIDE_GAIN, LEAST_NOISE, LESS_OF_SPARKS, MOST_GAIN, MOST_LACKING,
+                           MOST_SHARE, NOISE_EPS, NOISE_GAIN, NOISE_SHARE, NOISY, OFFSETS,
+                           RESULT_GAIN, RUN, RUNS_BESIDE, SHARE_PER_CODE, SHARE_PER_CODE_ALONE,
+                           SPARK, SPARKS_LEAST, SPARKS_SQUARED, WIDTH_MAX, WIDTH_MIN,
+                           WIDTH_PER_CODE)
 from training import fused, regression
 from training.cells import between, cell_means
 
@@ -229,6 +230,15 @@ def smoothed(out: Tensor, noise: Tensor, guide: Tensor, is_far: bool) -> Tensor:
     return out + total / weights
 
 
+def _lacking(q: Tensor, sums: Tensor, sparks_squared: float) -> Tensor:
+    """export.smooth._lacking of q [N,1,H,W] and sums [N,4,H,W]."""
+    _, squares, base, lit = sums.split(1, 1)
+    share = (1.0 - squares / (q.square() + 1e-6)).clamp(min=0.0)
+    most = float(SPARKS_LEAST) + float(sparks_squared) * lit.square()
+    gain = share * torch.minimum(q, most) / (base + 32.0)
+    return gain.clamp(-float(MOST_GAIN), float(MOST_GAIN))
+
+
 def corrected(out: Tensor, smooth: Tensor, noise: Tensor, radiance: Tensor) -> Tensor:
     """export.smooth.corrected of tensors [N,3,H,W], sums in PyTorch's order."""
     v = summed(out * smooth)
@@ -237,12 +247,10 @@ def corrected(out: Tensor, smooth: Tensor, noise: Tensor, radiance: Tensor) -> T
     share = (noise * float(NOISE_SHARE)).clamp(max=1.0)
     lit = (q - float(SPARK)).clamp(0.0, 1.0)
     sums = torch.cat((q, q.square(), v / level * share, lit), 1)
-    sums = sums_around(cell_means(sums, CELL)) * CELL**2
-    q, squares, base, lit = sums.split(1, 1)
-    share_sure = (1.0 - squares / (q.square() + 1e-6)).clamp(min=0.0)
-    most = float(SPARKS_LEAST) + float(SPARKS_SQUARED) * lit.square()
-    gain = share_sure * torch.minimum(q, most) / (base + 32.0)
-    gain = gain.clamp(-float(MOST_GAIN), float(MOST_GAIN))
+    near, far = sums_around(cell_means(sums, CELL) * CELL**2)
+    expected = _lacking(far[:, :1], far, FAR_SPARKS_SQUARED)
+    own = _lacking(near[:, :1] - expected * near[:, 2:3], near, SPARKS_SQUARED)
+    gain = (expected + own).clamp(-float(MOST_GAIN), float(MOST_GAIN))
     return out + out * (between(gain, out.shape, CELL) * share)
 
 
@@ -259,9 +267,12 @@ def mixed(result: Tensor, noise: Tensor, radiance: Tensor, per_code: Tensor) -> 
     return result + between(share, noise.shape, side) * own * (radiance - result)
 
 
-def sums_around(v: Tensor) -> Tensor:
+def sums_around(v: Tensor) -> tuple[Tensor, Tensor]:
     """export.smooth.sums_around of a tensor [N,C,H,W]."""
-    return F.avg_pool2d(v, (3, 5), stride=1, padding=(1, 2)) * 15
+    rows, columns = ABOVE + 2, 2 * BESIDE + 1
+    wide = F.pad(v, (BESIDE, BESIDE, ABOVE, 1))
+    return (F.avg_pool2d(v, (3, 5), 1, (1, 2)) * 15,
+            F.avg_pool2d(wide, (rows, columns), 1) * (rows * columns))
 
 
 def logits_of(q: Tensor, whole: bool = True) -> Tensor:

@@ -169,15 +169,22 @@ static float4 sums_at(__global uchar *memory, const lull_cl_filter *a, int x, in
 KERNEL_OF_PIXELS gains(__global uchar *memory, __global const uchar *model, lull_cl_filter a)
 {
     int x = get_global_id(0), y = get_global_id(1);
-    float4 sum = (float4)(0.0f);
+    float4 three = (float4)(0.0f), all = (float4)(0.0f);
+    float near[LULL_CELL_SUMS], far[LULL_CELL_SUMS];
     if (x >= a.width || y >= a.height)
         return;
-    for (int k = -2; k <= 2; k++) {
+    for (int k = -LULL_CELLS_BESIDE; k <= LULL_CELLS_BESIDE; k++) {
         float4 column = (sums_at(memory, &a, x + k, y - 1) + sums_at(memory, &a, x + k, y)) +
                         sums_at(memory, &a, x + k, y + 1);
-        sum = k == -2 ? column : sum + column;
+        float4 above = (sums_at(memory, &a, x + k, y - 4) + sums_at(memory, &a, x + k, y - 3)) +
+                       sums_at(memory, &a, x + k, y - 2);
+        if (k >= -2 && k <= 2)
+            three += column;
+        all += column + above;
     }
-    *pixel_at(memory, a.out, x, y) = lull_cell_gain(sum.x, sum.y, sum.z, sum.w);
+    vstore4(three, 0, near);
+    vstore4(all, 0, far);
+    *pixel_at(memory, a.out, x, y) = lull_cell_gain(near, far);
 }
 
 /* out: corrected result; sources: result, gains, noise. */

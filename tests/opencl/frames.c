@@ -254,41 +254,55 @@ static void odd_values(void)
     free_images(images);
 }
 
-/* Less memory than the whole frame takes: tiles, in two directions. */
+/* The same bytes with that little memory, in more than one tile: a whole frame has had `whole` calls
+ * of the progress monitor. */
+static void check_tiles(frame *f, float *const images[3], int megabytes, unsigned whole)
+{
+    f->memory = megabytes;
+    CHECK(same(f, images));
+    if (!CHECK(watched > whole))
+        printf("  %ux%u, %d MB: %u calls\n", (unsigned)f->width, (unsigned)f->height, megabytes,
+               watched);
+}
+
+/* Less memory than the whole frame takes: tiles. What larger models look at is so wide that only
+ * long frames make few of them. */
 static void tiles_change_nothing(void)
 {
-    static const struct {
-        OIDNQuality quality;
-        int megabytes;
-    } rows[] = {{OIDN_QUALITY_FAST, 0}, {OIDN_QUALITY_FAST, 50}, {OIDN_QUALITY_HIGH, 84}};
+    static const size_t sizes[][2] = {{1500, 100}, {100, 1500}};
     static const struct {
         unsigned features;
         int megabytes;
-    } steps[] = {{7, 0}, {7, 67}, {3, 61}, {5, 67}, {1, 61}}; /* of a model with all steps */
-    frame f = plain;
+    } steps[] = {{7, 17}, {3, 16}, {5, 17}, {1, 16}}; /* of a model with all steps */
+    frame f;
     float *images[3];
-    size_t i;
+    size_t i, s;
     void *model;
 
     NEED_OPENCL();
-    f.width = 710;
-    f.height = 790;
-    make_images(images, f.width, f.height);
-    for (i = 0; i < COUNT(rows); i++) {
-        f.quality = rows[i].quality;
-        f.memory = rows[i].megabytes;
-        CHECK(same(&f, images));
-        CHECK(f.memory ? watched > 150 : watched < 100);
-    }
-    f.weights = model = model_with_steps(3, &f.weights_bytes);
-    for (i = 0; i < COUNT(steps); i++) {
-        f.features = steps[i].features;
-        f.memory = steps[i].megabytes;
-        CHECK(same(&f, images));
-        CHECK(f.memory ? watched > 150 : watched < 100);
-    }
-    free(model);
+    f = frame_of((const size_t[]){710, 790}, images);
+    CHECK(same(&f, images));
+    check_tiles(&f, images, 50, watched);
     free_images(images);
+    for (s = 0; s < COUNT(sizes); s++) {
+        unsigned whole;
+
+        f = frame_of(sizes[s], images);
+        f.quality = OIDN_QUALITY_HIGH;
+        CHECK(same(&f, images));
+        check_tiles(&f, images, 20, watched);
+        f.weights = model = model_with_steps(3, &f.weights_bytes);
+        f.memory = plain.memory;
+        CHECK(same(&f, images));
+        whole = watched;
+        check_tiles(&f, images, 0, whole);
+        for (i = 0; i < COUNT(steps); i++) {
+            f.features = steps[i].features;
+            check_tiles(&f, images, steps[i].megabytes, whole);
+        }
+        free(model);
+        free_images(images);
+    }
 }
 
 static void too_little_memory(void)
