@@ -142,6 +142,14 @@ def test_light_that_is_missing_comes_back(share):
     assert abs(error.mean()) < 0.3 * abs(share - 1)
 
 
+@pytest.mark.parametrize("share", [0.95, 1.05])
+def test_little_light_that_is_missing_everywhere_comes_back(share):
+    """Too little for the cells beside one to tell it from chance."""
+    out, smooth, radiance = lacking(300, 400, share)
+    error = corrected(out, smooth, radiance) / (out / np.float32(share)) - 1
+    assert abs(error.mean()) < 0.15 * abs(share - 1)
+
+
 def test_chance_changes_little():
     out, smooth, radiance = lacking(160, 200, 1.0)
     change = corrected(out, smooth, radiance) / out - 1
@@ -208,20 +216,25 @@ def at_pixels(cells: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
 
 def test_correction_is_its_definition():
     """Cell by cell in double precision."""
-    out, smooth, radiance = lacking(40, 90, 0.8)
+    out, smooth, radiance = lacking(140, 250, 0.8)
     noise = noise_of(out, radiance / smooth)[..., 0].astype(float)
     v = (out.astype(float) * smooth).sum(-1)
     q, share = (radiance.sum(-1) - v) / (v + 0.15), np.minimum(noise / 20, 1)
-    cells = np.zeros((4, 3 + 2, 6 + 4))
+    cells = np.zeros((4, 4 + 9 + 1, 6 + 16 + 6))
     for y, x in np.ndindex(v.shape):
-        cells[:, y // 16 + 1, x // 16 + 2] += (q[y, x], q[y, x]**2,
+        cells[:, y // 16 + 4, x // 16 + 6] += (q[y, x], q[y, x]**2,
                                                v[y, x] / (v[y, x] + 0.15) * share[y, x],
                                                min(max(q[y, x] - 2, 0), 1))
-    gain = np.empty((3, 6))
-    for j, i in np.ndindex(3, 6):
-        a, b, c, n = cells[:, j:j + 3, i:i + 5].sum((1, 2))
+
+    def lacks(a, b, c, n, sparks):
         share_sure = max(1 - b / (a * a + 1e-6), 0)
-        gain[j, i] = min(max(share_sure * min(a, 20 + 0.3 * n * n) / (c + 32), -0.5), 0.5)
+        return min(max(share_sure * min(a, 20 + sparks * n * n) / (c + 32), -0.5), 0.5)
+
+    gain = np.empty((9, 16))
+    for j, i in np.ndindex(9, 16):
+        wide = lacks(*cells[:, j:j + 6, i:i + 13].sum((1, 2)), 0.1)
+        a, b, c, n = cells[:, j + 3:j + 6, i + 4:i + 9].sum((1, 2))
+        gain[j, i] = min(max(wide + lacks(a - wide * c, b, c, n, 0.3), -0.5), 0.5)
     expected = out * (1 + at_pixels(gain, v.shape) * share)[..., None]
     np.testing.assert_allclose(last.corrected(out, smooth, noise[..., None], radiance), expected,
                                rtol=1e-5)
