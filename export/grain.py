@@ -19,7 +19,7 @@ SUMS = 6 + len(STEPS)                   # of a cell: 1, L, L^2, r, g, b, squares
 PAIRS = F(4 / 7), F(32 / 49)            # half of a square by pixels, for 7 of 8 pairs, for 49 of 64
 WHITE = F(0.7)                          # of steps by the variance: from here on ...
 AROUND, OWN = F(5), F(4)                # ... to 0.9 of cells around, to 0.95 of one alone
-FLAT, MOST_VARIANCE = F(16), F(1 / 4096)
+FLAT, MOST_VARIANCE = F(16), F(1 / 2048)
 PER_CODE = F(1 / 255)
 
 

@@ -396,7 +396,7 @@ LULL_INLINE float lull_pixel_share(float share, uint8_t noise)
 #define LULL_GRAIN_AROUND 5.0f
 #define LULL_GRAIN_OWN 4.0f
 #define LULL_GRAIN_FLAT 16.0f
-#define LULL_GRAIN_MOST 0.00024414062f /* 1 by the variance from which on all may go */
+#define LULL_GRAIN_MOST 0.00048828125f /* 1 by the variance from which on all may go */
 
 /* L of the codes of an albedo. */
 LULL_INLINE int lull_grain_light(const uint8_t *code)
