@@ -225,6 +225,15 @@ KERNEL_OF_PIXELS shares(__global uchar *memory, __global const uchar *model, lul
         a.flags & LULL_CL_FEATURES ? LULL_SHARE_PER_CODE : LULL_SHARE_PER_CODE_ALONE);
 }
 
+/* Value at pixel (x, y) of those of runs of LULL_RUN pixels, one float each, of `width` pixels. */
+static float between_runs(__global uchar *memory, lull_cl_tensor t, int width, int x, int y)
+{
+    int runs = (int)lull_cell_count(LULL_RUN, (uint)width);
+    float before = *pixel_at(memory, t, lull_cell_near(LULL_RUN, x, 0, runs), y);
+    float after = *pixel_at(memory, t, lull_cell_near(LULL_RUN, x, 1, runs), y);
+    return before + lull_cell_part(LULL_RUN, x) * (after - before);
+}
+
 /* out: the exposed result as an image; sources: result, filtered albedo + epsilon, and, if some of
  * the input is asked for, shares of runs, radiance, noise. */
 KERNEL_OF_PIXELS modulate(__global uchar *memory, __global const uchar *model, lull_cl_filter a)

@@ -35,15 +35,6 @@ static void get_pixel(float *v, __global const float *from)
         v[c] = from[c];
 }
 
-/* Value at pixel (x, y) of those of runs of LULL_RUN pixels, one float each, of `width` pixels. */
-static float between_runs(__global uchar *memory, lull_cl_tensor t, int width, int x, int y)
-{
-    int runs = (width + (int)LULL_RUN - 1) / (int)LULL_RUN;
-    float before = *pixel_at(memory, t, lull_cell_near(LULL_RUN, x, 0, runs), y);
-    float after = *pixel_at(memory, t, lull_cell_near(LULL_RUN, x, 1, runs), y);
-    return before + lull_cell_part(LULL_RUN, x) * (after - before);
-}
-
 static int clamp_to(int i, int count) { return clamp(i, 0, count - 1); }
 
 /* ---- Cells of side x side pixels ------------------------------------------------------------- */
@@ -57,8 +48,8 @@ typedef struct cell_place {
 
 static cell_place place_between(uint side, const lull_cl_filter *a, int x, int y)
 {
-    int columns = (a->inside_width + (int)side - 1) / (int)side;
-    int rows = (a->inside_height + (int)side - 1) / (int)side;
+    int columns = (int)lull_cell_count(side, (uint)a->inside_width);
+    int rows = (int)lull_cell_count(side, (uint)a->inside_height);
     cell_place at;
     at.left = lull_cell_near(side, x, 0, columns);
     at.right = lull_cell_near(side, x, 1, columns);
