@@ -19,7 +19,7 @@ FAR_OFFSETS = ((-12, 0), (12, 0), (0, -4), (0, 4))             # and these befor
 CELL = 16                        # pixels a side of what is balanced
 BALANCE_EPS = F(0.15)            # three channels of 0.05
 NOISE_SHARE = F(0.05)            # of a correction, per noise code
-MOST_LACKING, MOST_GAIN = F(200), F(0.5)
+MOST_LACKING, MOST_GAIN = F(400), F(0.5)
 SPARK = F(2)
 SPARKS_LEAST, SPARKS_SQUARED = F(20), F(0.3)
 ABOVE, BESIDE, FAR_SPARKS_SQUARED = 4, 6, F(0.1)  # cells of the wide window, and its sparks
@@ -142,7 +142,8 @@ def corrected(out: np.ndarray, smooth: np.ndarray, noise: np.ndarray,
     """
     v = _summed(out * smooth)[..., 0]
     inverse = F(1) / (v + BALANCE_EPS)
-    q = np.minimum((_summed(radiance)[..., 0] - v) * inverse, MOST_LACKING)
+    q = (_summed(radiance)[..., 0] - v) * inverse
+    q = np.minimum(q, np.maximum(F(2) * MOST_LACKING - q, F(0)))
     share = np.minimum(noise[..., 0].astype(F) * NOISE_SHARE, F(1))
     lit = np.clip(q - SPARK, F(0), F(1))
     gain = cell_gains(cell_sums(np.stack((q, q * q, v * inverse * share, lit)), CELL))

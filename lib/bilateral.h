@@ -24,9 +24,9 @@
  *
  * residual: adds what n pixels make of their cell's balance to planes of sums. With V = (v(r)
  *     smooth(r) + v(g) smooth(g)) + v(b) smooth(b), R = (R(r) + R(g)) + R(b), L = V +
- *     LULL_BALANCE_EPSILON and q = min((R - V) (1 / L), LULL_MOST_LACKING): q, q q, (V (1 / L)) w,
- *     where w = min(noise code * LULL_NOISE_SHARE, 1), and min(max(q - LULL_SPARK, 0), 1), a count
- *     of sparks; 4 planes.
+ *     LULL_BALANCE_EPSILON and q = (R - V) (1 / L), or max(2 LULL_MOST_LACKING - q, 0) if that is
+ *     less: q, q q, (V (1 / L)) w, where w = min(noise code * LULL_NOISE_SHARE, 1), and
+ *     min(max(q - LULL_SPARK, 0), 1), a count of sparks; 4 planes.
  */
 #ifndef LULL_BILATERAL_H
 #define LULL_BILATERAL_H

@@ -302,7 +302,7 @@ LULL_INLINE float lull_regressed(float v, const float *f, const float *b)
 #define LULL_CELLS_BESIDE 6  /* ... columns on either side, that correct a cell, too */
 #define LULL_BALANCE_EPSILON 0.15f /* three times 0.05 */
 #define LULL_NOISE_SHARE 0.05f     /* of a correction, per noise code */
-#define LULL_MOST_LACKING 200.0f   /* of one pixel: single sparks are chance */
+#define LULL_MOST_LACKING 400.0f   /* of one pixel; what says more counts less: it is broken */
 #define LULL_SPARK 2.0f
 #define LULL_MOST_GAIN 0.5f
 
@@ -312,7 +312,9 @@ LULL_INLINE void lull_balance_of(float *sums, const float *p, const float *r, ui
     float v = (p[0] + p[1]) + p[2], w = noise * LULL_NOISE_SHARE;
     float share = 1.0f / (v + LULL_BALANCE_EPSILON), lit;
     float q = (((r[0] + r[1]) + r[2]) - v) * share;
-    q = q < LULL_MOST_LACKING ? q : LULL_MOST_LACKING;
+    lit = 2.0f * LULL_MOST_LACKING - q;
+    lit = lit > 0.0f ? lit : 0.0f;
+    q = q < lit ? q : lit;
     sums[0] = q;
     sums[1] = q * q;
     sums[2] = v * share * (w < 1.0f ? w : 1.0f);

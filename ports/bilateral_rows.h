@@ -48,7 +48,8 @@ LULL_INLINE void residual_block(const lull_balance *at, const lull_encoding *fro
     b = mul(plane_at(at->v, at->v_plane, 2, p, n), plane_at(at->smooth, at->smooth_plane, 2, p, n));
     v = add(add(v, g), b);
     share = quotient(set(1.0f), add(v, set(LULL_BALANCE_EPSILON)));
-    q = low(mul(sub(r, v), share), set(LULL_MOST_LACKING));
+    q = mul(sub(r, v), share);
+    q = low(q, high(sub(set(2.0f * LULL_MOST_LACKING), q), set(0.0f)));
     store_n(sums, add(load_n(sums, n), q), n);
     sums += at->sum_plane;
     store_n(sums, add(load_n(sums, n), mul(q, q)), n);

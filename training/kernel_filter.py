@@ -243,7 +243,8 @@ def corrected(out: Tensor, smooth: Tensor, noise: Tensor, radiance: Tensor) -> T
     """export.smooth.corrected of tensors [N,3,H,W], sums in PyTorch's order."""
     v = summed(out * smooth)
     level = v + float(BALANCE_EPS)
-    q = ((summed(radiance) - v) / level).clamp(max=float(MOST_LACKING))
+    q = (summed(radiance) - v) / level
+    q = torch.minimum(q, (2.0 * float(MOST_LACKING) - q).clamp(min=0.0))
     share = (noise * float(NOISE_SHARE)).clamp(max=1.0)
     lit = (q - float(SPARK)).clamp(0.0, 1.0)
     sums = torch.cat((q, q.square(), v / level * share, lit), 1)

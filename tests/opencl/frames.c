@@ -254,8 +254,8 @@ static void odd_values(void)
     free_images(images);
 }
 
-/* The same bytes with that little memory, in more than one tile: a whole frame has had `whole` calls
- * of the progress monitor. */
+/* The same bytes with that little memory, in more than one tile: a whole frame has had `whole`
+ * calls of the progress monitor. */
 static void check_tiles(frame *f, float *const images[3], int megabytes, unsigned whole)
 {
     f->memory = megabytes;
