@@ -67,39 +67,43 @@ typedef struct cell_rows {
     float part;
 } cell_rows;
 
-/* Sums of n times `count` columns, from the left. */
-static void sum_windows(float (*sums)[LULL_CELL_SUMS], unsigned c, const float *column,
-                        unsigned count, unsigned n)
+/* Sums of SOME times `count` columns, from the left. */
+static void sum_windows(float *sums, const float *column, unsigned count)
 {
-    for (unsigned k = 0; k < n; k++) {
-        float sum = column[k];
-        for (unsigned i = 1; i < count; i++)
-            sum += column[k + i];
-        sums[k][c] = sum;
-    }
+    memcpy(sums, column, SOME * sizeof *sums);
+    for (unsigned i = 1; i < count; i++)
+        for (unsigned k = 0; k < SOME; k++)
+            sums[k] += column[k + i];
 }
 
-/* Gains of n cells from column x on of one of the two rows, from the sums around them. */
+/* Gains of at most SOME cells from column x on of one of the two rows, from the sums around them. */
 static void find_row(float *gain, const cell_rows *cells, int row, int x, unsigned n)
 {
-    float near[SOME][LULL_CELL_SUMS], far[SOME][LULL_CELL_SUMS];
-    float three[SOME + 2 * LULL_CELLS_BESIDE], all[SOME + 2 * LULL_CELLS_BESIDE];
+    float near[LULL_CELL_SUMS][SOME], far[LULL_CELL_SUMS][SOME];
+    int first = x - LULL_CELLS_BESIDE, skipped = first < 0 ? -first : 0;
+    int end = SOME + 2 * LULL_CELLS_BESIDE;
+    end = end < cells->columns - first ? end : cells->columns - first;
     for (unsigned c = 0; c < LULL_CELL_SUMS; c++) {
-        for (int k = 0; k < (int)n + 2 * LULL_CELLS_BESIDE; k++) {
-            int at = x + k - LULL_CELLS_BESIDE;
-            const float *const *rows = cells->rows + row;
-            three[k] = all[k] = 0.0f;
-            if (at < 0 || at >= cells->columns)
-                continue;
-            at += (int)(c * cells->plane);
+        float three[SOME + 2 * LULL_CELLS_BESIDE] = {0}, all[SOME + 2 * LULL_CELLS_BESIDE] = {0};
+        const float *rows[ROWS];
+        for (int i = 0; i < ROWS; i++)
+            rows[i] = cells->rows[row + i] + c * cells->plane;
+        for (int k = skipped; k < end; k++) {
+            int at = first + k;
             three[k] = (rows[3][at] + rows[4][at]) + rows[5][at];
             all[k] = three[k] + ((rows[0][at] + rows[1][at]) + rows[2][at]);
         }
-        sum_windows(near, c, three + LULL_CELLS_BESIDE - 2, 5, n);
-        sum_windows(far, c, all, 2 * LULL_CELLS_BESIDE + 1, n);
+        sum_windows(near[c], three + LULL_CELLS_BESIDE - 2, 5);
+        sum_windows(far[c], all, 2 * LULL_CELLS_BESIDE + 1);
     }
-    for (unsigned k = 0; k < n; k++)
-        gain[k] = lull_cell_gain(near[k], far[k]);
+    for (unsigned k = 0; k < n; k++) {
+        float beside[LULL_CELL_SUMS], around[LULL_CELL_SUMS];
+        for (unsigned c = 0; c < LULL_CELL_SUMS; c++) {
+            beside[c] = near[c][k];
+            around[c] = far[c][k];
+        }
+        gain[k] = lull_cell_gain(beside, around);
+    }
 }
 
 /* Gains of n cells, between those of both rows, for a row of pixels. */
