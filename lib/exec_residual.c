@@ -76,7 +76,8 @@ static void sum_windows(float *sums, const float *column, unsigned count)
             sums[k] += column[k + i];
 }
 
-/* Gains of at most SOME cells from column x on of one of the two rows, from the sums around them. */
+/* Gains of at most SOME cells from column x on of one of the two rows, from the sums around
+ * them. */
 static void find_row(float *gain, const cell_rows *cells, int row, int x, unsigned n)
 {
     float near[LULL_CELL_SUMS][SOME], far[LULL_CELL_SUMS][SOME];
