@@ -337,6 +337,7 @@ check-san:
 else
 check-san: tests
 	@o=allocator_may_return_null=1; ASAN_OPTIONS=$$o MSAN_OPTIONS=$$o TSAN_OPTIONS=$$o \
+	    LSAN_OPTIONS=suppressions=$(CURDIR)/tests/leaks.supp:print_suppressions=0 \
 	    $(PYTHON) tests/run.py --build $(BUILD) --kinds program $(CHECK)
 endif
 
