@@ -160,8 +160,7 @@ def _runs(v: np.ndarray) -> np.ndarray:
 
 def _around(runs: np.ndarray, beside: int) -> np.ndarray:
     """Sums over each run and `beside` on either side."""
-    around = np.pad(runs, ((0, 0), (0, 0), (beside, beside)))
-    return sum(around[..., k:k + runs.shape[2]] for k in range(2 * beside + 1))
+    return _columns_summed(np.pad(runs, ((0, 0), (0, 0), (beside, beside))), 2 * beside + 1)
 
 
 def mixed(result: np.ndarray, noise: np.ndarray, radiance: np.ndarray,

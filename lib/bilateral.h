@@ -33,8 +33,10 @@
 
 #include "pixels.h"
 
-#define LULL_GAIN_REACH 128u /* columns to either side on which a correction depends */
-#define LULL_FIT_REACH 12u  /* and those in the cells on either side whose coefficients it reads */
+/* Columns to either side on which a correction depends; and those in the cells on either side whose
+ * coefficients a regression reads. */
+#define LULL_GAIN_REACH (((unsigned)LULL_CELLS_BESIDE + 2u) * LULL_CELL)
+#define LULL_FIT_REACH 12u
 
 /* A row of the result, 3 planes, `plane` floats apart, and its guide (kernels.h). */
 typedef struct lull_surface {

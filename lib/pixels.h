@@ -311,10 +311,9 @@ LULL_INLINE void lull_balance_of(float *sums, const float *p, const float *r, ui
 {
     float v = (p[0] + p[1]) + p[2], w = noise * LULL_NOISE_SHARE;
     float share = 1.0f / (v + LULL_BALANCE_EPSILON), lit;
-    float q = (((r[0] + r[1]) + r[2]) - v) * share;
-    lit = 2.0f * LULL_MOST_LACKING - q;
-    lit = lit > 0.0f ? lit : 0.0f;
-    q = q < lit ? q : lit;
+    float q = (((r[0] + r[1]) + r[2]) - v) * share, most = 2.0f * LULL_MOST_LACKING - q;
+    most = most > 0.0f ? most : 0.0f;
+    q = q < most ? q : most;
     sums[0] = q;
     sums[1] = q * q;
     sums[2] = v * share * (w < 1.0f ? w : 1.0f);

@@ -37,7 +37,7 @@ static uint64_t tile_bytes(lull_engine_plan *plan, unsigned width, unsigned heig
 /* Side of tiles, so many of them in a row or column. */
 static unsigned tile_side(unsigned side, unsigned count, unsigned align)
 {
-    return (unsigned)lull_align_up((side + count - 1) / count, align);
+    return (unsigned)lull_align_up(lull_cell_count(count, side), align);
 }
 
 /* As few and as equal tiles as fit: one more along their longer side until they do. */
@@ -51,8 +51,8 @@ static bool choose_tiles(lull_engine_plan *plan, uint64_t model_bytes, lull_faul
     if (frame->max_bytes && frame->max_bytes < most + model_bytes)
         most = frame->max_bytes - model_bytes; /* set_limits has asked for the minimum */
     if (frame->strip_width) { /* the overlap then costs about as much again */
-        columns = (plan->host.width + 2 * frame->strip_width - 1) / (2 * frame->strip_width);
-        rows = (plan->host.height + 2 * frame->strip_width - 1) / (2 * frame->strip_width);
+        columns = lull_cell_count(2 * frame->strip_width, plan->host.width);
+        rows = lull_cell_count(2 * frame->strip_width, plan->host.height);
     }
     for (;;) {
         plan->tile_width = tile_side(plan->host.width, columns, align);
@@ -69,8 +69,8 @@ static bool choose_tiles(lull_engine_plan *plan, uint64_t model_bytes, lull_faul
             rows++;
     }
     plan->bytes = plan->schedule.bytes + model_bytes;
-    plan->tiles = ((plan->host.width + plan->tile_width - 1) / plan->tile_width) *
-                  ((plan->host.height + plan->tile_height - 1) / plan->tile_height);
+    plan->tiles = lull_cell_count(plan->tile_width, plan->host.width) *
+                  lull_cell_count(plan->tile_height, plan->host.height);
     return true;
 }
 
