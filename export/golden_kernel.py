@@ -63,9 +63,9 @@ def pictures(seed: int) -> dict[str, np.ndarray]:
     """Noisy images with some values that are no colours."""
     rng = np.random.default_rng(seed)
     color = np.exp(rng.normal(-1, 1.5, (HEIGHT, WIDTH, 3))).astype(np.float32)
-    quiet = np.array([0.7, 0.5, 0.6]) * np.exp(0.02 * rng.normal(size=(20, 30, 3)))
-    color[15:35, 15:] = quiet  # little noise: without features, some of the input is mixed in
-    color[3, 4], color[20, 9], color[11, 30] = np.nan, np.inf, -1
+    quiet = np.array([0.7, 0.5, 0.6]) * np.exp(0.02 * rng.normal(size=(20, WIDTH, 3)))
+    color[18:27], color[28:33, 20:33] = quiet[:9], quiet[9:14, 20:33]  # calm: input is mixed in
+    color[3, 4], color[20, 9], color[11, 30] = np.nan, -np.inf, -1
     color[30, 40] = 1e7
     albedo = rng.random((HEIGHT, WIDTH, 3), np.float32) * np.float32(1.1)
     albedo[24:31, 15:28] = albedo[31:35, 15:] = 0.3, 0.5, 0.4  # and here it has no grain

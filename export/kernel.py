@@ -13,12 +13,13 @@ from pathlib import Path
 import numpy as np
 
 from export import pixels
+from export.calm import calm_share
 from export.grain import without_grain
 from export.graph import ALIGN, NETS_DEF, Layer, ModelError, Net, read_nets
 from export.reference import NARROW_MAX, FloatModel, IntLayer, IntModel, _tensor, check_layer
 from export.regression import features_of, regressed
-from export.smooth import (EPS, SHARE_PER_CODE, SHARE_PER_CODE_ALONE, corrected, guide_of, mixed,
-                           noise_codes, shares, smoothed, to_code)
+from export.smooth import (EPS, corrected, guide_of, mixed, noise_codes, shares, smoothed,
+                           to_code)
 from export.tza import Reader
 
 F = np.float32
@@ -276,9 +277,8 @@ def apply_filter(heads: list[np.ndarray], radiance: np.ndarray, albedo: np.ndarr
         if steps.corrects and not clipped:
             out = corrected(out, smooth, noise, radiance)
         result = pixels.sanitize(out * smooth, 1.0, 0.0, pixels.MAX)
-        is_alone = albedo is None and normal is None
-        return mixed(result, noise, radiance,
-                     SHARE_PER_CODE_ALONE if is_alone else SHARE_PER_CODE)
+        return mixed(result, noise, radiance, albedo is None and normal is None,
+                     calm_share(radiance))
     return out * smooth
 
 

@@ -25,15 +25,25 @@ SPARKS_LEAST, SPARKS_SQUARED = F(20), F(0.3)
 ABOVE, BESIDE, FAR_SPARKS_SQUARED = 4, 6, F(0.1)  # cells of the wide window, and its sparks
 RUN, RUNS_BESIDE = 16, 4         # pixels of a row, and how many runs count to either side
 NOISY = F(1)                     # mean code of runs that tell how much noise there is
-MOST_SHARE = F(0.5)              # of the input
 LEAST_NOISE = F(2)               # above it the share of the input is less by this per code,
 SHARE_PER_CODE, SHARE_PER_CODE_ALONE = F(0.125), F(0.0625)  # without features by that
-LESS_OF_SPARKS = F(0.015625)     # per code of the pixel, beyond 64
+SPARK_CODES = F(64), F(0.015625) # of the pixel: from where on the share is less, by which slope
+MOST_SHARE = F(0.5)              # of the input
+CALM = F(0.05), F(14.285714)     # calm shares, likewise: noise codes count less, by at most
+LESS_OF_CODES = F(0.75)
+MORE_CALM = F(0.12), F(12.5)     # and without features more of the input stays, at most
+MORE_SHARE = F(0.2)
+CALM_SPARKS = F(4), F(0.5)       # what the input has beyond the result, relative to it
 
 
 def to_code(v: np.ndarray) -> np.ndarray:
     """Rounded to uint8, at most 255."""
     return np.minimum(v + F(0.5), F(255)).astype(np.uint8)
+
+
+def ramp(v: np.ndarray, begin: np.float32, slope: np.float32) -> np.ndarray:
+    """0 up to begin, 1 where it has grown that far by the slope."""
+    return np.clip((v - begin) * slope, F(0), ONE)
 
 
 def _moved(v: np.ndarray, offset: tuple[int, int]) -> np.ndarray:
@@ -164,15 +174,21 @@ def _around(runs: np.ndarray, beside: int) -> np.ndarray:
 
 
 def mixed(result: np.ndarray, noise: np.ndarray, radiance: np.ndarray,
-          per_code: np.float32) -> np.ndarray:
+          is_alone: bool, calm: np.float32) -> np.ndarray:
     """The exposed result [H,W,3] with some of the radiance where noise is little; noise and
-    radiance as of corrected, per_code: SHARE_PER_CODE or the other."""
+    radiance as of corrected, is_alone: without features, calm: calm_share of the radiance."""
+    most = MOST_SHARE + MORE_SHARE * ramp(calm, *MORE_CALM) if is_alone else MOST_SHARE
+    calm = ramp(calm, *CALM)
+    per_code = SHARE_PER_CODE_ALONE if is_alone else SHARE_PER_CODE
     code = noise[..., 0].astype(F)
     runs = _runs(code)
     runs *= runs[1] >= NOISY * runs[0]
     pixels, codes = _around(runs, RUNS_BESIDE)
     mean = codes * np.divide(ONE, pixels, out=np.zeros_like(pixels), where=pixels > 0)
-    share = np.clip(ONE - (mean - LEAST_NOISE) * per_code, F(0), MOST_SHARE)
-    own = np.clip(F(2) - code * LESS_OF_SPARKS, F(0), ONE)
+    mean = mean * (ONE - LESS_OF_CODES * calm)
+    share = np.clip(ONE - (mean - LEAST_NOISE) * per_code, F(0), most)
+    v = _summed(result)[..., 0]
+    q = (_summed(radiance)[..., 0] - v) * (F(1) / (v + BALANCE_EPS))
+    own = np.maximum(ONE - ramp(code, *SPARK_CODES), calm * (ONE - ramp(q, *CALM_SPARKS)))
     share = between(share, code.shape[1], RUN) * own
     return result + share[..., None] * (radiance - result)

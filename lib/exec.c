@@ -239,10 +239,10 @@ static lull_status check_images(const lull_plan *plan, const lull_images *images
     return LULL_OK;
 }
 
-/* The rows of auto-exposure bins. */
-static lull_exposure_row *exposure_rows(const lull_plan *plan)
+/* The rows of auto-exposure bins; afterwards those of calm cells are in their place. */
+static void *exposure_rows(const lull_plan *plan)
 {
-    return (lull_exposure_row *)(void *)((uint8_t *)plan + (size_t)plan->exposure * LULL_ALIGN);
+    return (uint8_t *)plan + (size_t)plan->exposure * LULL_ALIGN;
 }
 
 static void exposure_task(void *context, unsigned index, unsigned worker)
@@ -250,8 +250,9 @@ static void exposure_task(void *context, unsigned index, unsigned worker)
     const lull_task *t = context;
     const lull_plan *plan = t->plan;
     (void)worker;
-    lull_exposure_bin_row(exposure_rows(plan) + index, &t->images->color, plan->frame.width,
-                          plan->frame.height, index, plan->model->kernels.luminance);
+    lull_exposure_bin_row((lull_exposure_row *)exposure_rows(plan) + index, &t->images->color,
+                          plan->frame.width, plan->frame.height, index,
+                          plan->model->kernels.luminance);
 }
 
 static float choose_scale(lull_task *t, const lull_host *host)
@@ -266,6 +267,33 @@ static float choose_scale(lull_task *t, const lull_host *host)
     return lull_exposure_scale(exposure_rows(plan), rows);
 }
 
+static void calm_task(void *context, unsigned index, unsigned worker)
+{
+    const lull_task *t = context;
+    (void)worker;
+    lull_exec_calm_row((lull_calm_row *)exposure_rows(t->plan) + index, t, index);
+}
+
+/* After the scale. */
+static float choose_calm(lull_task *t, const lull_host *host)
+{
+    lull_plan *plan = t->plan;
+    unsigned rows = lull_exposure_rows(plan->frame.height);
+    if (!lull_is_nan(t->images->calm))
+        return t->images->calm;
+    if (lull_graph_mixed_by(&plan->model->graph) == LULL_TENSOR_NONE)
+        return 0.0f;
+    parallel(plan, host, rows, calm_task, t);
+    return lull_calm_share(exposure_rows(plan), rows);
+}
+
+/* What is known of the whole frame. */
+static void look_over(lull_task *t, const lull_host *host)
+{
+    t->plan->scale = choose_scale(t, host);
+    t->plan->calm = choose_calm(t, host);
+}
+
 /* Checks what a run is given; of an empty frame no image is needed. */
 static lull_status begin(lull_task *t, lull_plan *plan, const lull_images *images)
 {
@@ -276,14 +304,16 @@ static lull_status begin(lull_task *t, lull_plan *plan, const lull_images *image
     return plan->frame.width && plan->frame.height ? check_images(plan, images) : LULL_OK;
 }
 
-lull_status lull_choose_scale(float *scale, lull_plan *plan, const lull_images *images,
-                              const lull_host *host)
+lull_status lull_measure(lull_images *images, lull_plan *plan, const lull_host *host)
 {
     lull_task t = {0};
-    lull_status status = scale ? begin(&t, plan, images) : LULL_ERROR_ARGUMENT;
-    if (status == LULL_OK)
-        *scale = choose_scale(&t, host);
-    return status;
+    lull_status status = begin(&t, plan, images);
+    if (status != LULL_OK)
+        return status;
+    look_over(&t, host);
+    images->input_scale = plan->scale;
+    images->calm = plan->calm;
+    return LULL_OK;
 }
 
 lull_status lull_run(lull_plan *plan, const lull_images *images, const lull_host *host)
@@ -294,7 +324,7 @@ lull_status lull_run(lull_plan *plan, const lull_images *images, const lull_host
         return status;
     if (host && host->progress && !host->progress(host->user, 0.0))
         return LULL_CANCELLED;
-    plan->scale = choose_scale(&t, host);
+    look_over(&t, host);
     for (unsigned strip = 0; strip < plan->strips; strip++) {
         begin_strip(plan, &t, strip);
         while (plan->stored < plan->frame.height) {
@@ -313,7 +343,7 @@ lull_status lull_run(lull_plan *plan, const lull_images *images, const lull_host
     return LULL_OK;
 }
 
-lull_status lull_rows_begin(lull_plan *plan, float input_scale)
+lull_status lull_rows_begin(lull_plan *plan, float input_scale, float calm)
 {
     lull_task t = {0};
     if (!plan)
@@ -323,6 +353,7 @@ lull_status lull_rows_begin(lull_plan *plan, float input_scale)
     t.plan = plan;
     begin_strip(plan, &t, 0);
     plan->scale = lull_is_nan(input_scale) ? 1.0f : input_scale;
+    plan->calm = lull_is_nan(calm) ? 0.0f : calm;
     return LULL_OK;
 }
 

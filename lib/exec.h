@@ -164,6 +164,17 @@ void lull_exec_mix(float *v, const lull_run_shares *shares, const lull_task *t, 
 void lull_exec_radiance(lull_encoding *from, const lull_task *t, float *block, unsigned x,
                         unsigned y, unsigned n);
 
+/* The same, exposed and sanitised, in any case in `block`. */
+void lull_exec_sane(float *block, const lull_encoding *from, const lull_task *t, unsigned n);
+
+/* How calm rows 16 index to 16 index + 15 of the frame are: cells that say something, and those
+ * among them with next to no noise; and the share of the latter in all rows. */
+typedef struct lull_calm_row {
+    uint32_t cells, calm;
+} lull_calm_row;
+void lull_exec_calm_row(lull_calm_row *row, const lull_task *t, unsigned index);
+float lull_calm_share(const lull_calm_row *rows, unsigned n);
+
 /* 1 if there is an albedo or a normal beside the main image. */
 int lull_exec_has_features(const lull_plan *plan);
 

@@ -183,6 +183,14 @@ void lull_exec_radiance(lull_encoding *from, const lull_task *t, float *block, u
     from->most = LULL_RADIANCE_MAX;
 }
 
+void lull_exec_sane(float *block, const lull_encoding *from, const lull_task *t, unsigned n)
+{
+    lull_curve sane = {LULL_TRANSFER_LINEAR, from->scale, 0.0f, from->most, 0};
+    if (from->radiance != block)
+        memcpy(block, from->radiance, 3 * n * sizeof *block);
+    t->plan->model->kernels.curve_in(block, &sane, 3 * (size_t)n);
+}
+
 /* n pixels from column x on of row y of the tensors of albedo and normal and of the guide. */
 static void load_aux(const lull_task *t, const float *albedo, const float *normal, unsigned x,
                      unsigned y, unsigned n)

@@ -4,6 +4,11 @@
 
 enum { SUMMED = LULL_MIXED / LULL_RUN + 2 + 2 * LULL_RUNS_BESIDE };
 
+static lull_mixing mixing_of(const lull_plan *plan)
+{
+    return lull_mixing_of(plan->calm, lull_exec_has_features(plan));
+}
+
 /* The run before whose middle, or after it (next), a pixel is; the nearest at the edges. */
 static int run_near(const lull_task *t, unsigned x, int next)
 {
@@ -81,13 +86,12 @@ void lull_exec_shares(lull_run_shares *shares, const lull_task *t, unsigned x, u
     const lull_plan *plan = t->plan;
     unsigned tensor = lull_graph_mixed_by(&plan->model->graph), count, column = 0;
     uint16_t pixels[SUMMED], codes[SUMMED];
+    const lull_mixing mixing = mixing_of(plan);
     const uint8_t *noise;
-    float per_code;
     shares->any = 0;
     if (tensor == LULL_TENSOR_NONE)
         return;
     noise = lull_exec_noise(plan, tensor, y, 0);
-    per_code = lull_exec_has_features(plan) ? LULL_SHARE_PER_CODE : LULL_SHARE_PER_CODE_ALONE;
     count = find_runs(shares, t, x, n);
     for (unsigned i = 0; i < count + 2 * LULL_RUNS_BESIDE; i++) {
         unsigned here = held_run(t, shares->first + (int)i - LULL_RUNS_BESIDE, &column);
@@ -98,7 +102,7 @@ void lull_exec_shares(lull_run_shares *shares, const lull_task *t, unsigned x, u
     sum_around(pixels, count, LULL_RUNS_BESIDE);
     sum_around(codes, count, LULL_RUNS_BESIDE);
     for (unsigned i = 0; i < count; i++) {
-        shares->of[i] = lull_run_share((float)pixels[i], (float)codes[i], per_code);
+        shares->of[i] = lull_run_share((float)pixels[i], (float)codes[i], &mixing);
         shares->any |= shares->of[i] > 0.0f;
     }
 }
@@ -120,16 +124,12 @@ void lull_exec_mix(float *v, const lull_run_shares *shares, const lull_task *t, 
     const uint8_t *noise = lull_exec_noise(
         t->plan, lull_graph_mixed_by(&t->plan->model->graph), y, x - t->left);
     lull_encoding from = {0};
-    lull_curve sane = {LULL_TRANSFER_LINEAR, 1.0f, 0.0f, 0.0f, 0};
+    lull_mixing mixing = mixing_of(t->plan);
     go_between(share, shares, t, x, n);
     lull_exec_radiance(&from, t, block, x, y, n);
-    sane.scale = from.scale;
-    sane.high = from.most;
-    if (from.radiance != block)
-        memcpy(block, from.radiance, 3 * n * sizeof *block);
-    t->plan->model->kernels.curve_in(block, &sane, 3 * (size_t)n);
+    lull_exec_sane(block, &from, t, n);
     for (unsigned i = 0; i < n; i++, v += 3, block += 3) {
-        float own = lull_pixel_share(share[i], noise[i]);
+        float own = lull_pixel_share(share[i], noise[i], v, block, &mixing);
         for (unsigned c = 0; c < 3; c++)
             v[c] += own * (block[c] - v[c]);
     }

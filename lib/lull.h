@@ -203,6 +203,9 @@ typedef struct lull_images {
     float input_scale; /* factor that brings the main image to the range the network knows; NaN:
                         * auto-exposure for LULL_HDR and LULL_LIGHTMAP_HDR, else 1. The output is
                         * divided by it again. */
+    float calm; /* part of the main image, in [0, 1], that shows next to no noise; NaN: measured.
+                 * Where it is large, kernel-prediction models leave some of the input in the output
+                 * even where there seems to be noise: it is texture then. Direct ones ignore it. */
 } lull_images;
 
 /* What the host lends to a run; every member may be NULL. */
@@ -224,23 +227,23 @@ typedef struct lull_host {
  */
 float lull_autoexposure(const lull_image *color, unsigned width, unsigned height);
 
-/* *scale: the one that lull_run would use for these images, which is input_scale or, where that is
- * NaN and the frame is HDR, what auto-exposure makes of the whole colour image. For hosts that
- * denoise parts of a frame, or one frame several times: as the input_scale of each, it gives all of
- * them what the whole would have got. Asks for no progress. Errors: ARGUMENT, IMAGE. */
-lull_status lull_choose_scale(float *scale, lull_plan *plan, const lull_images *images,
-                              const lull_host *host);
+/* Replaces an input_scale and a calm that are NaN by those that lull_run would use for these
+ * images, which must be whole. For hosts that denoise parts of a frame, or one frame several times:
+ * all of them then get what the whole would have got. Asks for no progress. Errors: ARGUMENT,
+ * IMAGE. */
+lull_status lull_measure(lull_images *images, lull_plan *plan, const lull_host *host);
 
 /* Denoises a frame. Sanitises NaN, infinities and out-of-range values as the content demands.
  * Errors: ARGUMENT, IMAGE, CANCELLED (the output is then undefined, but only inside its pixels). */
 lull_status lull_run(lull_plan *plan, const lull_images *images, const lull_host *host);
 
 /* Streaming. lull_rows_begin resets the plan (which must have one strip, and be made for streaming
- * if the model predicts kernels: else UNSUPPORTED) and sets the scale (NaN:
- * 1). Each lull_rows call then takes the next `rows` rows of the inputs, at the start of the images
- * given, and stores at the start of images->output the output rows that became ready: *ready of
- * them, at most rows + delay_rows. The last input row releases all the remaining output rows. */
-lull_status lull_rows_begin(lull_plan *plan, float input_scale);
+ * if the model predicts kernels: else UNSUPPORTED) and sets what is known of the whole frame, as in
+ * lull_images (NaN: scale 1, calm 0). Each lull_rows call then takes the next `rows` rows of the
+ * inputs, at the start of the images given, and stores at the start of images->output the output
+ * rows that became ready: *ready of them, at most rows + delay_rows. The last input row releases
+ * all the remaining output rows. */
+lull_status lull_rows_begin(lull_plan *plan, float input_scale, float calm);
 lull_status lull_rows(lull_plan *plan, const lull_images *images, unsigned rows, unsigned *ready,
                       const lull_host *host);
 

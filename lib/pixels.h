@@ -360,6 +360,41 @@ LULL_INLINE float lull_cell_gain(const float *near, const float *far)
 #define LULL_SHARE_PER_CODE 0.125f
 #define LULL_SHARE_PER_CODE_ALONE 0.0625f
 
+/* Calm cells of 4x4 pixels: noise codes of half the sum of second differences, relative to the
+ * light and 0.02 in each channel of a pixel. */
+#define LULL_DETAIL_GAIN 192.0f
+#define LULL_DETAIL_EPSILON 0.96f
+#define LULL_LEAST_DETAIL 1.0f
+#define LULL_MOST_DETAIL 10.0f
+
+/* In a calm frame there is little noise anywhere, so that a noise code counts less, and alone the
+ * share may be larger. */
+typedef struct lull_mixing {
+    float calm;  /* how calm, in [0, 1] */
+    float codes; /* what a noise code counts */
+    float per_code, most;
+} lull_mixing;
+
+LULL_INLINE float lull_ramp(float v, float begin, float slope)
+{
+    float part = (v - begin) * slope;
+    part = part > 0.0f ? part : 0.0f;
+    return part < 1.0f ? part : 1.0f;
+}
+
+/* calm: of lull_images. */
+LULL_INLINE lull_mixing lull_mixing_of(float calm, int has_features)
+{
+    lull_mixing mixing;
+    mixing.calm = lull_ramp(calm, 0.05f, 14.285714f);
+    mixing.codes = 1.0f - 0.75f * mixing.calm;
+    mixing.per_code = has_features ? LULL_SHARE_PER_CODE : LULL_SHARE_PER_CODE_ALONE;
+    mixing.most = LULL_MOST_SHARE;
+    if (!has_features)
+        mixing.most += 0.2f * lull_ramp(calm, 0.12f, 12.5f);
+    return mixing;
+}
+
 /* What counts of a run, none where the mean noise code is below 1, as that of sky and lamps is. */
 LULL_INLINE uint32_t lull_noisy(uint32_t v, uint32_t pixels, uint32_t noise)
 {
@@ -368,21 +403,26 @@ LULL_INLINE uint32_t lull_noisy(uint32_t v, uint32_t pixels, uint32_t noise)
 
 /* The share of the input of a run, from sums over the noisy ones around: of their pixels, and of
  * their noise codes. */
-LULL_INLINE float lull_run_share(float pixels, float noise, float per_code)
+LULL_INLINE float lull_run_share(float pixels, float noise, const lull_mixing *mixing)
 {
-    float share = pixels > 0.0f ? 1.0f - (noise * (1.0f / pixels) - LULL_LEAST_NOISE) * per_code
-                                : LULL_MOST_SHARE;
+    float share = mixing->most;
+    if (pixels > 0.0f)
+        share = 1.0f - ((noise * (1.0f / pixels)) * mixing->codes - LULL_LEAST_NOISE) *
+                           mixing->per_code;
     share = share > 0.0f ? share : 0.0f;
-    return share < LULL_MOST_SHARE ? share : LULL_MOST_SHARE;
+    return share < mixing->most ? share : mixing->most;
 }
 
-/* That of a pixel, given what lies between those of the runs around it, and its own code: sparks
- * stay out, less of what has more than 64, all of what has 128. */
-LULL_INLINE float lull_pixel_share(float share, uint8_t noise)
+/* That of a pixel, given what lies between those of the runs around it, its own code, result p and
+ * radiance r: sparks stay out, less of what has more than 64, all of what has 128; where it is calm
+ * only those more than four to six times as bright as the result. */
+LULL_INLINE float lull_pixel_share(float share, uint8_t noise, const float *p, const float *r,
+                                   const lull_mixing *mixing)
 {
-    float w = 2.0f - (float)noise * 0.015625f;
-    w = w > 0.0f ? w : 0.0f;
-    return share * (w < 1.0f ? w : 1.0f);
+    float w = 1.0f - lull_ramp((float)noise, 64.0f, 0.015625f), v = (p[0] + p[1]) + p[2];
+    float q = (((r[0] + r[1]) + r[2]) - v) * (1.0f / (v + LULL_BALANCE_EPSILON));
+    float calm = mixing->calm * (1.0f - lull_ramp(q, 4.0f, 0.5f));
+    return share * (w > calm ? w : calm);
 }
 
 /* ---- Grain of the albedo --------------------------------------------------------------------- */

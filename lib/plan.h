@@ -71,7 +71,7 @@ struct lull_plan {
                           * all but the codes is made of images that are read again */
     /* State of a run: rows made of every tensor (lull_plan_done), and stored of the output. */
     unsigned stored;
-    float scale;
+    float scale, calm; /* of lull_images */
     uint16_t done_low[LULL_TENSORS];
     lull_ring ring[LULL_TENSORS];
 };

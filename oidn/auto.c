@@ -277,7 +277,7 @@ lull_status lull_ladder_run(OIDNFilter filter, const lull_images *images, const 
     lull_images scaled = *images;
     lull_plan *plan = filter->plan;
     unsigned rung;
-    lull_status status = lull_choose_scale(&scaled.input_scale, plan, images, host);
+    lull_status status = lull_measure(&scaled, plan, host);
 
     if (status == LULL_OK)
         status = choose(filter, &scaled, host, &rung);

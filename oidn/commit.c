@@ -1,6 +1,7 @@
 /* Committing a filter: checks, choice of weights, plan. */
 #include "internal.h"
 
+#include <math.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -291,6 +292,7 @@ static void publish_images(OIDNFilter filter)
         views[i]->row_stride = image->row_stride;
     }
     filter->committed.input_scale = filter->values[lull_value_input_scale].f;
+    filter->committed.calm = NAN;
 }
 
 static void print_summary(OIDNFilter filter, size_t model_bytes)

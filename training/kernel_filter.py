@@ -15,13 +15,14 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from export.kernel import LAST_STEPS
-from export.smooth import (ABOVE, BALANCE_EPS, BESIDE, CELL, FAR_OFFSETS, FAR_SPARKS_SQUARED,
-                           GUIDE_GAIN, LEAST_NOISE, LESS_OF_SPARKS, MOST_GAIN, MOST_LACKING,
-                           MOST_SHARE, NOISE_EPS, NOISE_GAIN, NOISE_SHARE, NOISY, OFFSETS,
-                           RESULT_GAIN, RUN, RUNS_BESIDE, SHARE_PER_CODE, SHARE_PER_CODE_ALONE,
-                           SPARK, SPARKS_LEAST, SPARKS_SQUARED, WIDTH_MAX, WIDTH_MIN,
-                           WIDTH_PER_CODE)
+from export.smooth import (ABOVE, BALANCE_EPS, BESIDE, CALM, CALM_SPARKS, CELL, FAR_OFFSETS,
+                           FAR_SPARKS_SQUARED, GUIDE_GAIN, LEAST_NOISE, LESS_OF_CODES, MORE_CALM,
+                           MORE_SHARE, MOST_GAIN, MOST_LACKING, MOST_SHARE, NOISE_EPS, NOISE_GAIN,
+                           NOISE_SHARE, NOISY, OFFSETS, RESULT_GAIN, RUN, RUNS_BESIDE,
+                           SHARE_PER_CODE, SHARE_PER_CODE_ALONE, SPARK, SPARKS_LEAST,
+                           SPARKS_SQUARED, SPARK_CODES, WIDTH_MAX, WIDTH_MIN, WIDTH_PER_CODE)
 from training import fused, regression
+from training.calm import calm_share
 from training.cells import between, cell_means
 
 SIDE, RADIUS, TAPS = 5, 2, 25
@@ -176,8 +177,7 @@ def smooth_result(out: Tensor, smooth: Tensor, noise: Tensor, radiance: Tensor, 
     if steps.corrects:  # but not what is clipped
         v = torch.where(codes[:, 11:12] > 0, v, corrected(v, smooth, noise, radiance))
     is_alone = codes[:, 9:11, :1, :1].amax(1, keepdim=True) == 0
-    per_code = torch.where(is_alone, float(SHARE_PER_CODE_ALONE), float(SHARE_PER_CODE))
-    return mixed(v * smooth, noise, radiance, per_code)
+    return mixed(v * smooth, noise, radiance, is_alone, calm_share(radiance))
 
 
 def moved(v: Tensor, offsets: Sequence[tuple[int, int]]) -> list[Tensor]:
@@ -255,16 +255,27 @@ def corrected(out: Tensor, smooth: Tensor, noise: Tensor, radiance: Tensor) -> T
     return out + out * (between(gain, out.shape, CELL) * share)
 
 
-def mixed(result: Tensor, noise: Tensor, radiance: Tensor, per_code: Tensor) -> Tensor:
-    """export.smooth.mixed of tensors [N,C,H,W]; per_code: [N,1,1,1]."""
+def ramp(v: Tensor, of: tuple[float, float]) -> Tensor:
+    """export.smooth.ramp."""
+    return ((v - float(of[0])) * float(of[1])).clamp(0.0, 1.0)
+
+
+def mixed(result: Tensor, noise: Tensor, radiance: Tensor, is_alone: Tensor,
+          calm: Tensor) -> Tensor:
+    """export.smooth.mixed of tensors [N,C,H,W]; is_alone and calm: [N,1,1,1]."""
+    most = float(MOST_SHARE) + float(MORE_SHARE) * is_alone * ramp(calm, MORE_CALM)
+    calm = ramp(calm, CALM)
+    per_code = torch.where(is_alone, float(SHARE_PER_CODE_ALONE), float(SHARE_PER_CODE))
     side, around = (1, RUN), 2 * RUNS_BESIDE + 1
     runs = torch.cat((torch.ones_like(noise), noise), 1)
     runs = F.avg_pool2d(F.pad(runs, (0, -noise.shape[-1] % RUN)), side)
     runs = runs * (runs[:, 1:] >= float(NOISY) * runs[:, :1])
     runs = F.avg_pool2d(runs, (1, around), 1, (0, RUNS_BESIDE)) * around
-    mean = runs[:, 1:] / runs[:, :1].clamp(min=1e-6)
-    share = (1.0 - (mean - float(LEAST_NOISE)) * per_code).clamp(0.0, float(MOST_SHARE))
-    own = (2.0 - noise * float(LESS_OF_SPARKS)).clamp(0.0, 1.0)
+    mean = runs[:, 1:] / runs[:, :1].clamp(min=1e-6) * (1.0 - float(LESS_OF_CODES) * calm)
+    share = (1.0 - (mean - float(LEAST_NOISE)) * per_code).clamp(min=0.0).minimum(most)
+    v = summed(result)
+    q = (summed(radiance) - v) / (v + float(BALANCE_EPS))
+    own = (1.0 - ramp(noise, SPARK_CODES)).maximum(calm * (1.0 - ramp(q, CALM_SPARKS)))
     return result + between(share, noise.shape, side) * own * (radiance - result)
 
 

@@ -476,6 +476,7 @@ lull_status lull_cl_run(lull_engine_plan *plan, const lull_images *images, const
                         lull_fault *fault)
 {
     run r = {0};
+    lull_images known = *images;
     lull_status status;
     unsigned x, y;
 
@@ -485,12 +486,13 @@ lull_status lull_cl_run(lull_engine_plan *plan, const lull_images *images, const
         return LULL_ERROR_UNSUPPORTED;
     }
     r.plan = plan;
-    r.images = images;
+    r.images = &known;
     r.host = host;
     r.fault = fault;
     r.task.plan = &plan->host;
-    r.task.images = images;
-    status = lull_choose_scale(&plan->host.scale, &plan->host, images, host);
+    r.task.images = &known;
+    status = lull_measure(&known, &plan->host, host);
+    plan->schedule.calm = known.calm;
     for (y = 0; y < plan->host.frame.height && status == LULL_OK; y += plan->tile_height)
         for (x = 0; x < plan->host.frame.width && status == LULL_OK; x += plan->tile_width) {
             status = run_tile(&r, x, y);

@@ -209,6 +209,7 @@ KERNEL_OF_PIXELS correct(__global uchar *memory, __global const uchar *model, lu
 KERNEL_OF_PIXELS shares(__global uchar *memory, __global const uchar *model, lull_cl_filter a)
 {
     int run = get_global_id(0), y = get_global_id(1);
+    lull_mixing mixing = lull_mixing_of(a.calm, a.flags & LULL_CL_FEATURES);
     uint pixels = 0, codes = 0;
     if (run * (int)LULL_RUN >= a.inside_width || y >= a.inside_height)
         return;
@@ -220,9 +221,7 @@ KERNEL_OF_PIXELS shares(__global uchar *memory, __global const uchar *model, lul
         pixels += lull_noisy(count, count, sum);
         codes += lull_noisy(sum, count, sum);
     }
-    *pixel_at(memory, a.out, run, y) = lull_run_share(
-        (float)pixels, (float)codes,
-        a.flags & LULL_CL_FEATURES ? LULL_SHARE_PER_CODE : LULL_SHARE_PER_CODE_ALONE);
+    *pixel_at(memory, a.out, run, y) = lull_run_share((float)pixels, (float)codes, &mixing);
 }
 
 /* Value at pixel (x, y) of those of runs of LULL_RUN pixels, one float each, of `width` pixels. */
@@ -248,8 +247,10 @@ KERNEL_OF_PIXELS modulate(__global uchar *memory, __global const uchar *model, l
         v[c] = lull_sane(v[c] * smooth[c], 1.0f, 0.0f, LULL_LARGEST);
     if (a.flags & LULL_CL_NOISE) {
         float between = between_runs(memory, a.source[2], a.inside_width, x, y), r[3];
-        float share = lull_pixel_share(between, *bytes_at(memory, a.source[4], x, y));
+        lull_mixing mixing = lull_mixing_of(a.calm, a.flags & LULL_CL_FEATURES);
+        float share;
         get_radiance(r, memory, a.source[3], x, y);
+        share = lull_pixel_share(between, *bytes_at(memory, a.source[4], x, y), v, r, &mixing);
         for (int c = 0; c < 3; c++)
             v[c] += share * (r[c] - v[c]);
     }

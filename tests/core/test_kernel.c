@@ -80,14 +80,12 @@ static const unsigned variants[][5] = {/* threads, row step, strip width, in pla
                                        {1, 16, 32, 1, 0}, {7, 2, 16, 1, 0}, {2, 4, 0, 0, 1}};
 
 /* The same image through lull_rows, seven rows at a time. */
-static void push_rows(lull_plan *plan, const lull_images *images, const run_case *c,
-                      const lull_host *host)
+static void push_rows(lull_plan *plan, const lull_images *images, const lull_host *host)
 {
     lull_images part = *images;
     lull_image *all[] = {&part.color, &part.albedo, &part.normal};
-    int is_hdr = c->content == LULL_HDR || c->content == LULL_LIGHTMAP_HDR;
-    CHECK_EQ(lull_rows_begin(plan, is_hdr ? lull_autoexposure(&images->color, WIDTH, HEIGHT) : NAN),
-             LULL_OK);
+    CHECK_EQ(lull_measure(&part, plan, host), LULL_OK);
+    CHECK_EQ(lull_rows_begin(plan, part.input_scale, part.calm), LULL_OK);
     for (unsigned y = 0, rows, ready; y < HEIGHT; y += rows) {
         rows = HEIGHT - y < 7 ? HEIGHT - y : 7;
         CHECK_EQ(lull_rows(plan, &part, rows, &ready, host), LULL_OK);
@@ -113,7 +111,7 @@ static void run_one(const run_case *c, const void *weights, size_t bytes, uint32
     lull_model *model;
     lull_plan *plan;
     memset(&images, 0, sizeof images);
-    images.input_scale = NAN;
+    images.input_scale = images.calm = NAN;
     for (unsigned f = 0; f < 3; f++) {
         lull_image image = {feature[f], LULL_F32, 3, 0, 0};
         if (c->features >> f & 1)
@@ -131,10 +129,10 @@ static void run_one(const run_case *c, const void *weights, size_t bytes, uint32
     plan_memory = aligned(plan_bytes);
     CHECK_EQ(lull_plan_init(&plan, plan_memory, plan_bytes, &frame, model), LULL_OK);
     if (variant[4]) {
-        push_rows(plan, &images, c, &host);
+        push_rows(plan, &images, &host);
     } else {
         if (!variant[3])
-            CHECK_EQ(lull_rows_begin(plan, 1.0f), LULL_ERROR_UNSUPPORTED);
+            CHECK_EQ(lull_rows_begin(plan, 1.0f, 0.0f), LULL_ERROR_UNSUPPORTED);
         CHECK_EQ(lull_run(plan, &images, &host), LULL_OK);
     }
     if (!CHECK(memcmp(images.output.data, expected, VALUES * sizeof *out) == 0))
@@ -201,7 +199,7 @@ static void wide_frames_do_not_depend_on_threads_and_strips(void)
         images.output.data = out[i] = malloc(values * sizeof *in);
         if (frame.in_place)
             images.color.data = memcpy(out[i], in, values * sizeof *in);
-        images.input_scale = NAN;
+        images.input_scale = images.calm = NAN;
         CHECK_EQ(lull_run(plan, &images, &host), LULL_OK);
         if (!CHECK(memcmp(out[0], out[i], values * sizeof *in) == 0))
             printf("  %u threads, strips of %u\n", threads, forms[i][1]);
@@ -214,11 +212,64 @@ static void wide_frames_do_not_depend_on_threads_and_strips(void)
     free(weights);
 }
 
+/* How calm a frame is: 1 of faint noise, 0 of much, or none, or in too few pixels; whatever the
+ * threads, and however the pixels are stored. */
+static void calm_is_the_picture_s(void)
+{
+    static const struct {
+        unsigned width, height;
+        float noise, least, most;
+    } rows[] = {{93, 61, 0.02f, 0.98f, 1},    {93, 61, 0.3f, 0, 0.02f}, {93, 61, 0, 0, 0},
+                {700, 300, 0.02f, 0.98f, 1}, {4, 300, 0.02f, 0, 0},    {5, 5, 0.02f, 1, 1}};
+    size_t bytes, model_bytes, plan_bytes;
+    void *weights = read_file("weights.tza", &bytes), *model_memory, *plan_memory;
+    lull_model *model;
+    lull_plan *plan;
+    model_bytes = lull_model_size(weights, bytes, LULL_PORTS_ALL);
+    model_memory = aligned(model_bytes);
+    CHECK_EQ(lull_model_init(&model, model_memory, model_bytes, weights, bytes, LULL_PORTS_ALL),
+             LULL_OK);
+    for (unsigned row = 0; row < sizeof rows / sizeof rows[0]; row++) {
+        lull_frame frame =
+            lull_frame_default(rows[row].width, rows[row].height, LULL_HDR, LULL_HAS_COLOR);
+        size_t pixels = (size_t)frame.width * frame.height;
+        float *in = malloc(4 * pixels * sizeof *in);
+        lull_image image = {in, LULL_F32, 3, 4 * sizeof *in, 0}; /* not tight */
+        unsigned threads = 3;
+        lull_host host = {&threads, backwards, NULL};
+        lull_images images = {0}, again;
+        frame.threads = threads;
+        for (size_t i = 0; i < 4 * pixels; i++) {
+            uint32_t v = (uint32_t)i * 2654435761u;
+            v = (v ^ v >> 15) * 2246822519u;
+            in[i] = 1.0f + rows[row].noise * ((float)(v >> 22) / 512.0f - 1.0f);
+        }
+        in[0] = rows[row].noise > 0 ? NAN : in[0];
+        plan_bytes = lull_plan_size(&frame, model);
+        plan_memory = aligned(plan_bytes);
+        CHECK_EQ(lull_plan_init(&plan, plan_memory, plan_bytes, &frame, model), LULL_OK);
+        images.color = images.output = image;
+        images.input_scale = images.calm = NAN;
+        again = images;
+        CHECK_EQ(lull_measure(&images, plan, &host), LULL_OK);
+        CHECK_EQ(lull_measure(&again, plan, NULL), LULL_OK);
+        CHECK(images.calm == again.calm && images.input_scale == again.input_scale);
+        if (!CHECK(images.calm >= rows[row].least && images.calm <= rows[row].most))
+            printf("  %ux%u, noise %g: %g\n", rows[row].width, rows[row].height,
+                   (double)rows[row].noise, (double)images.calm);
+        free(plan_memory);
+        free(in);
+    }
+    free(model_memory);
+    free(weights);
+}
+
 int main(int argc, char **argv)
 {
     CHECK_MAIN(argc, argv);
     lull_ports_request();
     RUN(equals_the_reference);
     RUN(wide_frames_do_not_depend_on_threads_and_strips);
+    RUN(calm_is_the_picture_s);
     return check_report();
 }

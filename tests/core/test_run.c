@@ -73,7 +73,7 @@ static scene make_scene(unsigned width, unsigned height, unsigned channels)
     s.images.albedo = view(s.feature[1], 3);
     s.images.normal = view(s.feature[2], 3);
     s.images.output = view(s.output, channels);
-    s.images.input_scale = NAN;
+    s.images.input_scale = s.images.calm = NAN;
     return s;
 }
 
@@ -230,7 +230,7 @@ static void run_streamed(const char *weights)
         CHECK_EQ(lull_run(plan, &s.images, NULL), LULL_OK);
         memcpy(whole, s.output, bytes);
         memset(s.output, 0, bytes);
-        CHECK_EQ(lull_rows_begin(plan, 0.7f), LULL_OK);
+        CHECK_EQ(lull_rows_begin(plan, 0.7f, NAN), LULL_OK);
         while (in < s.height) {
             unsigned n = pushes[v] < s.height - in ? pushes[v] : s.height - in, ready = 0;
             lull_images images = s.images;
@@ -319,20 +319,21 @@ static void scale_is_the_run_s(void)
         int is_hdr = content == LULL_HDR || content == LULL_LIGHTMAP_HDR;
         CHECK_EQ(lull_run(plan, &s.images, NULL), LULL_OK);
         memcpy(own, s.output, bytes);
-        CHECK_EQ(lull_choose_scale(&scale, plan, &s.images, NULL), LULL_OK);
+        CHECK_EQ(lull_measure(&s.images, plan, NULL), LULL_OK);
+        scale = s.images.input_scale;
         CHECK(scale == (is_hdr ? lull_autoexposure(&s.images.color, s.width, s.height) : 1));
         CHECK(!is_hdr || scale != 1);
-        s.images.input_scale = scale;
+        CHECK(s.images.calm == 0); /* direct networks do not ask */
         CHECK_EQ(lull_run(plan, &s.images, NULL), LULL_OK);
         CHECK(memcmp(own, s.output, bytes) == 0);
         s.images.input_scale = 0.7f;
-        CHECK_EQ(lull_choose_scale(&scale, plan, &s.images, NULL), LULL_OK);
-        CHECK(scale == 0.7f);
-        CHECK_EQ(lull_choose_scale(NULL, plan, &s.images, NULL), LULL_ERROR_ARGUMENT);
-        CHECK_EQ(lull_choose_scale(&scale, NULL, &s.images, NULL), LULL_ERROR_ARGUMENT);
-        CHECK_EQ(lull_choose_scale(&scale, plan, NULL, NULL), LULL_ERROR_ARGUMENT);
+        s.images.calm = 0.2f;
+        CHECK_EQ(lull_measure(&s.images, plan, NULL), LULL_OK);
+        CHECK(s.images.input_scale == 0.7f && s.images.calm == 0.2f);
+        CHECK_EQ(lull_measure(&s.images, NULL, NULL), LULL_ERROR_ARGUMENT);
+        CHECK_EQ(lull_measure(NULL, plan, NULL), LULL_ERROR_ARGUMENT);
         s.images.color.data = NULL;
-        CHECK_EQ(lull_choose_scale(&scale, plan, &s.images, NULL), LULL_ERROR_IMAGE);
+        CHECK_EQ(lull_measure(&s.images, plan, NULL), LULL_ERROR_IMAGE);
         free(own);
         free(plan);
         free_scene(&s);

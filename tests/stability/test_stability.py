@@ -78,6 +78,21 @@ def test_the_result_follows_its_input_as_noise_goes(clean_up, quality, left_out)
 
 
 @pytest.mark.parametrize("quality", QUALITIES)
+@pytest.mark.parametrize("noise,least,most", [(0.01, 0.65, 1), (0.08, 0, 0.45)])
+def test_fine_texture_of_nearly_converged_input_stays(clean_up, quality, noise, least, most):
+    """By colour alone: beside even walls, which tell how little noise there is. Where there is
+    much, it is taken for noise."""
+    rng = np.random.default_rng(3)
+    wall = np.linspace(0.4, 0.8, 144)[:, None] * np.array([1, 0.8, 0.6]) * np.ones((112, 1, 1))
+    grain = rng.normal(size=(112, 144, 1)) * (np.arange(144) >= 48)[None, :, None]
+    texture = wall * 0.08 * grain
+    color = (wall + texture) * (1 + noise * rng.normal(size=wall.shape))
+    even = clean_up({"color": wall.astype(np.float32)}, quality)
+    stays = clean_up({"color": color.astype(np.float32)}, quality) - even
+    assert least < (stays * texture).sum() / (texture * texture).sum() < most
+
+
+@pytest.mark.parametrize("quality", QUALITIES)
 @pytest.mark.parametrize("left_out", [(), ("albedo", "normal")])
 def test_fireflies_go_where_there_is_little_noise(clean_up, quality, left_out):
     """They must not come back with what is mixed in of the input there."""

@@ -249,37 +249,46 @@ def textured(height: int, width: int, noise: float) -> list[np.ndarray]:
     return [out.astype(np.float32), codes.astype(np.uint8), radiance.astype(np.float32)]
 
 
-PER_CODE = [last.SHARE_PER_CODE, last.SHARE_PER_CODE_ALONE]
+ALONE = [False, True]
+CALM = np.array([0, 0.085, 0.16, 1], np.float32)
 
 
 @pytest.mark.parametrize("height, width", [(48, 80), (5, 3), (1, 1), (3, 330)])
 @pytest.mark.parametrize("noise", [0.5, 8, 16])
-@pytest.mark.parametrize("per_code", PER_CODE)
-def test_mixing_of_torch_equals_the_reference(height, width, noise, per_code):
+@pytest.mark.parametrize("calm", CALM)
+@pytest.mark.parametrize("is_alone", ALONE)
+def test_mixing_of_torch_equals_the_reference(height, width, noise, calm, is_alone):
     images = textured(height, width, noise)
     images[1][:, width // 2:] //= 2
     images[1][0, ::5] = 90
     images_of_torch = (tensor(v.astype(np.float32)) for v in images)
-    got = picture(kernel_filter.mixed(*images_of_torch, torch.full((1, 1, 1, 1), float(per_code))))
-    expected = last.mixed(*images, per_code)
+    got = picture(kernel_filter.mixed(*images_of_torch, torch.full((1, 1, 1, 1), is_alone),
+                                      torch.full((1, 1, 1, 1), float(calm))))
+    expected = last.mixed(*images, is_alone, calm)
     assert expected.dtype == np.float32
     np.testing.assert_allclose(got, expected, rtol=3e-6)
 
 
-@pytest.mark.parametrize("per_code, code, share", [
-    (PER_CODE[0], 0, 0.5), (PER_CODE[0], 6, 0.5), (PER_CODE[0], 8, 0.25), (PER_CODE[0], 10, 0),
-    (PER_CODE[1], 2, 0.5), (PER_CODE[1], 14, 0.25), (PER_CODE[1], 18, 0), (PER_CODE[1], 255, 0)])
-def test_share_of_the_input_falls_with_the_noise(per_code, code, share):
+@pytest.mark.parametrize("is_alone, calm, code, share", [
+    (False, 0, 0, 0.5), (False, 0, 6, 0.5), (False, 0, 8, 0.25), (False, 0, 10, 0),
+    (True, 0, 2, 0.5), (True, 0, 14, 0.25), (True, 0, 18, 0), (True, 0, 255, 0),
+    (False, 0.05, 8, 0.25), (False, 0.085, 16, 0.0), (False, 0.085, 12.8, 0.25),
+    (False, 1, 24, 0.5), (False, 1, 32, 0.25), (True, 0.12, 40, 0.5), (True, 0.16, 24, 0.6),
+    (True, 1, 20, 0.7), (True, 1, 56, 0.25)])
+def test_share_of_the_input_falls_with_the_noise(is_alone, calm, code, share):
+    """A code counts a fourth in a calm frame; between, code 12.8 counts 8."""
     out = np.zeros((4, 200, 3), np.float32)
-    got = last.mixed(out, np.full((4, 200, 1), code, np.uint8), np.ones_like(out), per_code)
-    np.testing.assert_allclose(got, share, atol=1e-6)
+    codes = np.full((4, 200, 1), int(code), np.uint8)
+    codes[:, ::5] += np.uint8(np.rint(5 * (code - int(code))))
+    got = last.mixed(out, codes, np.full_like(out, 1e-3), is_alone, np.float32(calm))
+    np.testing.assert_allclose(got[:, 80:120].mean(), share * 1e-3, atol=2e-5)
 
 
 def test_runs_without_noise_do_not_hide_that_of_others():
     """A sky beside a wall: the wall's noise counts in full, at 10 and within the sky's windows."""
     out, noise = np.zeros((4, 320, 3), np.float32), np.zeros((4, 320, 1), np.uint8)
     noise[:, :80] = 10
-    got = last.mixed(out, noise, np.ones_like(out), PER_CODE[0])
+    got = last.mixed(out, noise, np.ones_like(out), False, CALM[0])
     assert got[:, :130].max() < 1e-6 and np.allclose(got[:, 160:], 0.5)
 
 
@@ -287,30 +296,47 @@ def test_sparks_stay_out():
     """In a picture of little noise, half of which comes back."""
     out, noise = np.zeros((4, 160, 3), np.float32), np.full((4, 160, 1), 2, np.uint8)
     noise[2, 80], noise[2, 90] = 255, 96
-    got = last.mixed(out, noise, np.ones_like(out), PER_CODE[0])
+    got = last.mixed(out, noise, np.ones_like(out), False, CALM[0])
     assert got[2, 80].max() == 0 and (got[0] > 0.45).all()
     np.testing.assert_allclose(got[2, 90] / got[2, 91], 0.5, atol=0.01)
 
 
-@pytest.mark.parametrize("per_code", PER_CODE)
-def test_mixing_is_its_definition(per_code):
+@pytest.mark.parametrize("times, share", [(3, 0.5), (4.5, 0.375), (7, 0), (60000, 0)])
+def test_faint_sparks_of_calm_frames_stay(times, share):
+    """They may be a lamp of one pixel: by how much brighter than the result, 0.15 apart."""
+    out, noise = np.full((4, 160, 3), 0.2, np.float32), np.full((4, 160, 1), 2, np.uint8)
+    radiance = out.copy()
+    noise[2, 80], radiance[2, 80] = 255, 0.2 + 0.25 * times
+    got = last.mixed(out, noise, radiance, False, CALM[-1])
+    np.testing.assert_allclose((got - out)[2, 80] / (radiance - out)[2, 80], share, atol=1e-4)
+
+
+@pytest.mark.parametrize("is_alone", ALONE)
+@pytest.mark.parametrize("calm", CALM)
+def test_mixing_is_its_definition(is_alone, calm):
     """Run by run in double precision."""
     out, noise, radiance = textured(3, 250, 11)
     noise[:, 160:] //= 20  # a mean below 1
-    noise[1, ::7] = 90
+    noise[1, ::7], radiance[1, ::21] = 90, 7
     expected = np.empty_like(out)
+    part, most = min(max((calm - 0.05) / 0.07, 0), 1), 0.5
+    most += is_alone * 0.2 * min(max((calm - 0.12) / 0.08, 0), 1)
     for y in range(3):
         runs = [noise[y, x:x + 16, 0].astype(float) for x in range(0, 250, 16)]
         share = []
         for i in range(len(runs)):
             codes = [c for r in runs[max(i - 4, 0):i + 5] if r.mean() >= 1 for c in r]
-            share.append(min(max(1 - (np.mean(codes or [0]) - 2) * per_code, 0), 0.5))
+            mean = np.mean(codes or [0]) * (1 - 0.75 * part)
+            share.append(min(max(1 - (mean - 2) / (16 if is_alone else 8), 0), most))
         for x in range(250):
             at = min(max((x - 7.5) / 16, 0), len(runs) - 1)
             i = min(int(at), len(runs) - 2)
             s = share[i] + (at - i) * (share[i + 1] - share[i])
-            s *= min(max(2 - noise[y, x, 0] / 64, 0), 1)
+            v = out[y, x].sum()
+            beyond = (radiance[y, x].sum() - v) / (v + 0.15)
+            s *= max(min(max(2 - noise[y, x, 0] / 64, 0), 1),
+                     part * min(max((6 - beyond) / 2, 0), 1))
             expected[y, x] = out[y, x] + s * (radiance[y, x] - out[y, x])
     assert 0 < np.ptp(expected - out)
-    got = last.mixed(out, noise, radiance, per_code)
-    np.testing.assert_allclose(got, expected, rtol=1e-6)
+    got = last.mixed(out, noise, radiance, is_alone, calm)
+    np.testing.assert_allclose(got, expected, rtol=2e-6)
