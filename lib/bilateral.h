@@ -33,9 +33,9 @@
 
 #include "pixels.h"
 
-/* Columns to either side on which a correction depends; and those in the cells on either side whose
- * coefficients a regression reads. */
-#define LULL_GAIN_REACH (((unsigned)LULL_CELLS_BESIDE + 2u) * LULL_CELL)
+/* Columns to either side in the cells whose gains a correction reads, and whose coefficients a
+ * regression. */
+#define LULL_GAIN_REACH 24u
 #define LULL_FIT_REACH 12u
 
 /* A row of the result, 3 planes, `plane` floats apart, and its guide (kernels.h). */

@@ -121,7 +121,8 @@ static void take_turns(lull_group *g, lull_task *t, unsigned batch, unsigned l, 
 }
 
 /* Handing a loop to threads and waiting for them takes about as long as the blending of so many
- * pixels; a 5x5 mean takes as long as MEAN_COST of them, and coefficients of a cell as FIT_COST. */
+ * pixels; a 5x5 mean takes as long as MEAN_COST of them, and coefficients or gains of a cell as
+ * FIT_COST. */
 #define SHORT_LOOP 2500u
 #define MEAN_COST 4u
 #define FIT_COST 32u
@@ -133,6 +134,7 @@ static int is_short(const lull_task *t)
                                        [LULL_READS_3] = FIT_COST,
                                        [LULL_READS_5] = MEAN_COST,
                                        [LULL_READS_9] = 1,
+                                       [LULL_READS_6] = FIT_COST,
                                        [LULL_READS_FINE] = 1,
                                        [LULL_READS_CELL] = LULL_CELL * LULL_CELL,
                                        [LULL_READS_8] = LULL_FIT_SIDE * LULL_FIT_SIDE};

@@ -92,8 +92,10 @@ uint8_t *lull_exec_noise(const lull_plan *plan, unsigned tensor, unsigned y, uns
 /* Columns of a row of level 0 that are inside the image. */
 unsigned lull_exec_inside(const lull_task *t);
 
-/* Sums of cells [x, x+n) of row y of cells; columns [x, x+n) of row y of the corrected result. */
+/* Sums, and then gains, of cells [x, x+n) of row y of cells; columns [x, x+n) of row y of the
+ * corrected result. */
 void lull_exec_residual(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker);
+void lull_exec_gains(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker);
 void lull_exec_correct(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker);
 
 /* The regression: sums and coefficients of cells [x, x+n) of row y of cells; columns [x, x+n) of

@@ -1,6 +1,6 @@
 /* How calm a frame is: the part of its cells whose finest detail is so little that whatever noise
  * there is must be little, too, for texture is in some places, noise in nearly all
- * (docs/kernel-prediction.md, step 9). Looks at cells of 4x4 differences, far enough from each other
+ * (docs/kernel-prediction.md, step 9). Looks at cells of 4x4 differences, so far from each other
  * that there are a few thousand of them. */
 #include "exec.h"
 #include "exposure.h"

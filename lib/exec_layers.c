@@ -380,7 +380,8 @@ void lull_exec_filter(const lull_task *t, unsigned x, unsigned y, unsigned n, un
         [LULL_OP_BLEND] = make_blended,          [LULL_OP_BILATERAL] = make_bilateral,
         [LULL_OP_FIT_SUMS] = lull_exec_fit_sums, [LULL_OP_FIT] = lull_exec_fit,
         [LULL_OP_REGRESS] = lull_exec_regress,   [LULL_OP_RESIDUAL] = lull_exec_residual,
-        [LULL_OP_CORRECT] = lull_exec_correct,   [LULL_OP_ENCODE] = lull_exec_encode};
+        [LULL_OP_GAINS] = lull_exec_gains,       [LULL_OP_CORRECT] = lull_exec_correct,
+        [LULL_OP_ENCODE] = lull_exec_encode};
     const lull_layer *layer = &t->plan->model->graph.layer[t->layer];
     if (by_codes[layer->op]) { /* those of the last head that it reads */
         unsigned head = layer->op == LULL_OP_DEMODULATE ? layer->source[2] : layer->source[1];

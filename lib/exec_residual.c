@@ -56,16 +56,25 @@ void lull_exec_residual(const lull_task *t, unsigned x, unsigned y, unsigned n, 
     }
 }
 
-enum { ROWS = LULL_CELLS_ABOVE + 2, SOME = 16 }; /* of a window; cells at once */
+enum {
+    ROWS = LULL_CELLS_ABOVE + 2, /* of a window, and columns beside some cells at once */
+    SOME = 16,
+    WIDE = SOME + 2 * LULL_CELLS_BESIDE
+};
 
-/* The two rows of cells whose centres lie around a row of pixels, and where it lies between. */
-typedef struct cell_rows {
-    const float *rows[ROWS + 1]; /* sums of cells of the rows above the first, ... */
-    size_t plane;
-    int next;    /* 1: the second is the one after the first, 0: it is the same */
-    int columns; /* that are held */
-    float part;
-} cell_rows;
+/* Sums of cells from column first on, 0 where there are none: of the three last rows, and of
+ * all. */
+static void sum_rows(float *three, float *all, const float *const *rows, int first, int columns)
+{
+    for (int k = 0; k < WIDE; k++) {
+        int at = first + k;
+        three[k] = all[k] = 0.0f;
+        if (at < 0 || at >= columns)
+            continue;
+        three[k] = (rows[ROWS - 3][at] + rows[ROWS - 2][at]) + rows[ROWS - 1][at];
+        all[k] = three[k] + ((rows[0][at] + rows[1][at]) + rows[2][at]);
+    }
+}
 
 /* Sums of SOME times `count` columns, from the left. */
 static void sum_windows(float *sums, const float *column, unsigned count)
@@ -76,24 +85,17 @@ static void sum_windows(float *sums, const float *column, unsigned count)
             sums[k] += column[k + i];
 }
 
-/* Gains of at most SOME cells from column x on of one of the two rows, from the sums around
- * them. */
-static void find_row(float *gain, const cell_rows *cells, int row, int x, unsigned n)
+/* Gains of n cells, at most SOME, from column x on, from the rows of sums around them. */
+static void find_gains(float *gain, const float *const *rows, size_t plane, int x, int columns,
+                       unsigned n)
 {
     float near[LULL_CELL_SUMS][SOME], far[LULL_CELL_SUMS][SOME];
-    int first = x - LULL_CELLS_BESIDE, skipped = first < 0 ? -first : 0;
-    int end = SOME + 2 * LULL_CELLS_BESIDE;
-    end = end < cells->columns - first ? end : cells->columns - first;
     for (unsigned c = 0; c < LULL_CELL_SUMS; c++) {
-        float three[SOME + 2 * LULL_CELLS_BESIDE] = {0}, all[SOME + 2 * LULL_CELLS_BESIDE] = {0};
-        const float *rows[ROWS];
+        float three[WIDE], all[WIDE];
+        const float *of[ROWS];
         for (int i = 0; i < ROWS; i++)
-            rows[i] = cells->rows[row + i] + c * cells->plane;
-        for (int k = skipped; k < end; k++) {
-            int at = first + k;
-            three[k] = (rows[3][at] + rows[4][at]) + rows[5][at];
-            all[k] = three[k] + ((rows[0][at] + rows[1][at]) + rows[2][at]);
-        }
+            of[i] = rows[i] + c * plane;
+        sum_rows(three, all, of, x - LULL_CELLS_BESIDE, columns);
         sum_windows(near[c], three + LULL_CELLS_BESIDE - 2, 5);
         sum_windows(far[c], all, 2 * LULL_CELLS_BESIDE + 1);
     }
@@ -107,14 +109,20 @@ static void find_row(float *gain, const cell_rows *cells, int row, int x, unsign
     }
 }
 
-/* Gains of n cells, between those of both rows, for a row of pixels. */
-static void find_gains(float *gain, const cell_rows *cells, int x, unsigned n)
+void lull_exec_gains(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker)
 {
-    float below[SOME];
-    find_row(gain, cells, 0, x, n);
-    find_row(below, cells, cells->next, x, n);
-    for (unsigned k = 0; k < n; k++)
-        gain[k] += cells->part * (below[k] - gain[k]);
+    const lull_plan *plan = t->plan;
+    unsigned source = plan->model->graph.layer[t->layer].source[0];
+    unsigned columns = lull_cell_count(LULL_CELL, lull_exec_inside(t));
+    unsigned end = y * LULL_CELL < plan->frame.height ? lull_min_u(x + n, columns) : 0;
+    const float *rows[ROWS];
+    (void)worker;
+    for (int k = 0; k < ROWS; k++)
+        rows[k] = (const float *)(const void *)lull_exec_source(plan, source,
+                                                                (int)y + k - LULL_CELLS_ABOVE);
+    for (; x < end; x += SOME)
+        find_gains(lull_exec_floats(plan, t->layer + 1, y, x), rows, lull_exec_plane(plan, source),
+                   (int)x, (int)columns, lull_min_u(SOME, end - x));
 }
 
 /* n pixels between the centres of two cells whose gains are given. */
@@ -135,42 +143,26 @@ void lull_exec_correct(const lull_task *t, unsigned x, unsigned y, unsigned n, u
 {
     const lull_plan *plan = t->plan;
     const lull_layer *layer = &plan->model->graph.layer[t->layer];
-    unsigned tensor = layer->source[0], sums = layer->source[1], width = lull_exec_inside(t);
-    unsigned down = lull_cell_count(LULL_CELL, plan->frame.height);
-    int across = (int)lull_cell_count(LULL_CELL, t->left + width);
+    unsigned tensor = layer->source[0], gains = layer->source[1], width = lull_exec_inside(t);
+    int down = (int)lull_cell_count(LULL_CELL, plan->frame.height);
+    int across = (int)lull_cell_count(LULL_CELL, width);
     size_t plane = lull_exec_plane(plan, tensor), out_plane = lull_exec_plane(plan, t->layer + 1);
-    unsigned end = y < plan->frame.height ? lull_min_u(x + n, width) : 0;
-    int held = (int)(t->left / LULL_CELL); /* the first cell that is */
-    int near_row = lull_cell_near(LULL_CELL, (int)y, 0, (int)down);
+    unsigned end = y < plan->frame.height ? lull_min_u(x + n, width) : 0, count;
     float *out = lull_exec_floats(plan, t->layer + 1, y, 0);
-    const float *v = lull_exec_floats(plan, tensor, y, 0);
+    const float *v = lull_exec_floats(plan, tensor, y, 0), *above, *below;
     const uint8_t *noise = lull_exec_noise(plan, tensor, y, 0);
-    cell_rows cells;
+    float part = lull_cell_part(LULL_CELL, (int)y);
     (void)worker;
-    cells.plane = lull_exec_plane(plan, sums);
-    cells.part = lull_cell_part(LULL_CELL, (int)y);
-    cells.columns = across - held;
-    cells.next = lull_cell_near(LULL_CELL, (int)y, 1, (int)down) - near_row;
-    for (int k = 0; k < ROWS + 1; k++)
-        cells.rows[k] = (const float *)(const void *)lull_exec_source(
-            plan, sums, near_row + k - LULL_CELLS_ABOVE);
-    while (x < end) {
-        unsigned stop = lull_min_u(x + (SOME - 2) * LULL_CELL, end);
-        int first = lull_cell_near(LULL_CELL, (int)(t->left + x), 0, across), last;
-        float gain[SOME];
-        first = first < held ? held : first;
-        last = lull_cell_near(LULL_CELL, (int)(t->left + stop) - 1, 1, across);
-        find_gains(gain, &cells, first - held, (unsigned)(last - first) + 1);
-        while (x < stop) {
-            unsigned at = t->left + x;
-            unsigned count = LULL_CELL - (at + LULL_CELL / 2) % LULL_CELL;
-            int near = lull_cell_near(LULL_CELL, (int)at, 0, across);
-            int next = lull_cell_near(LULL_CELL, (int)at, 1, across);
-            count = lull_min_u(count, stop - x);
-            near = near < first ? first : near;
-            correct(out + x, out_plane, v + x, plane, noise + x, gain[near - first],
-                    gain[next - first], at, count);
-            x += count;
-        }
+    if (x >= end)
+        return;
+    above = lull_exec_floats(plan, gains, (unsigned)lull_cell_near(LULL_CELL, (int)y, 0, down), 0);
+    below = lull_exec_floats(plan, gains, (unsigned)lull_cell_near(LULL_CELL, (int)y, 1, down), 0);
+    for (; x < end; x += count) { /* between the centres of two cells */
+        int near = lull_cell_near(LULL_CELL, (int)x, 0, across);
+        int next = lull_cell_near(LULL_CELL, (int)x, 1, across);
+        count = lull_min_u(LULL_CELL - (x + LULL_CELL / 2) % LULL_CELL, end - x);
+        correct(out + x, out_plane, v + x, plane, noise + x,
+                above[near] + part * (below[near] - above[near]),
+                above[next] + part * (below[next] - above[next]), x, count);
     }
 }

@@ -50,9 +50,10 @@ static int same(const char *a, const char *b)
 
 const char *lull_layer_name(const lull_layer *layer)
 {
-    static const char *const names[] = {"", "", "smooth", "demodulate", "pool", "filter", "blend",
-                                        "bilateral", "face", "fit_sums", "fit", "regress",
-                                        "residual", "correct", "grain_sums", "grain", "encode"};
+    static const char *const names[] = {
+        "",     "",         "smooth", "demodulate", "pool",     "filter", "blend",   "bilateral",
+        "face", "fit_sums", "fit",    "regress",    "residual", "gains",  "correct", "grain_sums",
+        "grain", "encode"};
     if (layer->op == LULL_OP_CONV)
         return rows[layer->row].name;
     return layer->op == LULL_OP_HEAD ? heads[layer->row].name : names[layer->op];
@@ -358,7 +359,8 @@ static lull_status add_filters(lull_graph *graph, int steps)
     static const lull_reads fit[] = {LULL_READS_3};
     static const lull_reads regress[] = {LULL_READS_ROW, LULL_READS_ROW, LULL_READS_ROW,
                                          LULL_READS_EIGHTH};
-    static const lull_reads correct[] = {LULL_READS_ROW, LULL_READS_CELLS};
+    static const lull_reads gains[] = {LULL_READS_6};
+    static const lull_reads correct[] = {LULL_READS_ROW, LULL_READS_16TH};
     const unsigned grain = graph->before ? graph->input - 1u : LULL_TENSOR_NONE;
     const int has_fit = steps == ALL_STEPS, has_residual = has_fit || steps == SMOOTH_AND_CORRECT;
     unsigned head[K_LEVELS], filtered[K_LEVELS], v, even, facing = LULL_TENSOR_NONE, result;
@@ -405,8 +407,10 @@ static lull_status add_filters(lull_graph *graph, int steps)
         unsigned sums =
             add_filter(graph, LULL_OP_RESIDUAL, LULL_CELL_LEVEL, LULL_CELL_SUMS,
                        (unsigned[]){result, LULL_TENSOR_RADIANCE, LULL_TENSOR_NONE}, cell);
+        v = add_filter(graph, LULL_OP_GAINS, LULL_CELL_LEVEL, 1,
+                       (unsigned[]){sums, LULL_TENSOR_NONE}, gains);
         result = add_filter(graph, LULL_OP_CORRECT, 0, 3,
-                            (unsigned[]){result, sums, LULL_TENSOR_NONE}, correct);
+                            (unsigned[]){result, v, LULL_TENSOR_NONE}, correct);
     }
     return result == LULL_TENSOR_NONE ? LULL_ERROR_NETWORK : LULL_OK;
 }
@@ -428,7 +432,8 @@ static void choose_forms(lull_graph *graph)
  * all pixels of a patch depend on all that its points are made of. */
 static unsigned reach(const lull_graph *graph, int is_exact)
 {
-    static const uint8_t radius[] = {0, 1, 2, 4, 1, 0, 0, LULL_GAIN_REACH, 0, LULL_FIT_REACH};
+    static const uint8_t radius[] = {
+        0, 1, 2, 4, LULL_CELLS_BESIDE, 1, 0, 0, LULL_GAIN_REACH, 0, LULL_FIT_REACH};
     unsigned field = 0, noise = 0, align = 1u << graph->levels;
     for (unsigned i = 0; i < graph->layers; i++) {
         const lull_layer *layer = &graph->layer[i];

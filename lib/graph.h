@@ -56,7 +56,8 @@ typedef enum lull_op {
     LULL_OP_REGRESS,   /* smoothed result, filtered albedo and normal, coefficients: result, and the
                         * codes of the noise */
     LULL_OP_RESIDUAL,  /* result, radiance: sums over the pixels of a cell of 16x16 */
-    LULL_OP_CORRECT,   /* result, sums: result */
+    LULL_OP_GAINS,     /* them: what the result lacks in the cell */
+    LULL_OP_CORRECT,   /* result, gains: result */
     LULL_OP_GRAIN_SUMS, /* input: sums over the pixels of a cell of 8x8, of the albedo's codes */
     LULL_OP_GRAIN,     /* them: how much of the albedo's mean stands for it, and the mean */
     LULL_OP_ENCODE,    /* input, radiance, grain: the input without it, in the input's memory */
@@ -69,10 +70,11 @@ typedef enum lull_reads {
     LULL_READS_3,      /* y-1 .. y+1 */
     LULL_READS_5,      /* y-2 .. y+2 */
     LULL_READS_9,      /* y-4 .. y+4 */
+    LULL_READS_6,      /* y-4 .. y+1 */
     LULL_READS_COARSE, /* of half the resolution: (y+1)/2 - 1 and (y+1)/2 */
     LULL_READS_FINE,   /* of twice the resolution: 2y, 2y+1 */
     LULL_READS_CELL,   /* of 16 times the resolution: 16y .. 16y+15 */
-    LULL_READS_CELLS,  /* of a 16th of it: four before the two nearest, they, and one after */
+    LULL_READS_16TH,   /* of a 16th of it: the two nearest */
     LULL_READS_8,      /* of 8 times the resolution: 8y .. 8y+7 */
     LULL_READS_EIGHTH  /* of an eighth of it: the two nearest */
 } lull_reads;

@@ -5,13 +5,13 @@
  * number of rows of the layer. */
 static unsigned rows_ready(lull_reads reads, unsigned rows, unsigned height, unsigned all)
 {
-    static const uint8_t below[] = {0, 1, 2, 4}; /* rows after y that are read */
+    static const uint8_t below[] = {0, 1, 2, 4, 1}; /* rows after y that are read */
     if (rows >= height)
         return all;
     if (reads == LULL_READS_CELL)
         return rows / LULL_CELL;
-    if (reads == LULL_READS_CELLS)
-        return rows > 1 ? LULL_CELL * (rows - 2) + LULL_CELL / 2 : 0;
+    if (reads == LULL_READS_16TH)
+        return rows ? LULL_CELL * rows - LULL_CELL / 2 : 0;
     if (reads == LULL_READS_8)
         return rows / LULL_FIT_SIDE;
     if (reads == LULL_READS_EIGHTH)
@@ -26,10 +26,10 @@ static unsigned rows_ready(lull_reads reads, unsigned rows, unsigned height, uns
 /* The first row of a source that a layer still needs whose next row (before pooling) is `row`. */
 static unsigned rows_needed(lull_reads reads, unsigned row)
 {
-    static const uint8_t above[] = {0, 1, 2, 4, 1, 0, 0, LULL_CELLS_ABOVE + 1, 0, 1};
+    static const uint8_t above[] = {0, 1, 2, 4, LULL_CELLS_ABOVE, 1, 0, 0, 1, 0, 1};
     if (reads == LULL_READS_CELL)
         row = LULL_CELL * row;
-    if (reads == LULL_READS_CELLS)
+    if (reads == LULL_READS_16TH)
         row = (row + LULL_CELL / 2) / LULL_CELL;
     if (reads == LULL_READS_8)
         row = LULL_FIT_SIDE * row;

@@ -53,7 +53,6 @@ enum {
     LULL_CL_IMAGE_NORMAL,
     LULL_CL_IMAGE_RESULT,
     LULL_CL_NOISE_CODES,
-    LULL_CL_GAINS,
     LULL_CL_SHARES,
     LULL_CL_TENSORS
 };
@@ -69,8 +68,8 @@ typedef struct lull_cl_step {
     size_t global[3], local[3];
 } lull_cl_step;
 
-/* Layers, what is made of images, gains, shares, result. */
-#define LULL_CL_STEPS (LULL_MAX_LAYERS + 7)
+/* Layers, what is made of images, shares, result. */
+#define LULL_CL_STEPS (LULL_MAX_LAYERS + 6)
 
 /* Where a convolution's weights are in the model's memory; its shift. */
 typedef struct lull_cl_weights {

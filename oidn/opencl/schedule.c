@@ -29,10 +29,8 @@ static uint32_t element(const lull_graph *graph, unsigned tensor)
 
 static shape shape_of(const lull_cl_schedule *s, unsigned tensor)
 {
-    static const uint8_t pixels[] = {12, 12, 12, 1, 4, 4}; /* from LULL_CL_IMAGE_ALBEDO on */
-    unsigned level = tensor < LULL_TENSORS ? lull_graph_level(s->graph, tensor)
-                     : tensor == LULL_CL_GAINS ? LULL_CELL_LEVEL
-                                               : 0;
+    static const uint8_t pixels[] = {12, 12, 12, 1, 4}; /* from LULL_CL_IMAGE_ALBEDO on */
+    unsigned level = tensor < LULL_TENSORS ? lull_graph_level(s->graph, tensor) : 0;
     shape of = {0, padded(s->width, level), padded(s->height, level), 0};
 
     if (tensor >= LULL_TENSORS) {
@@ -277,8 +275,6 @@ static void filter_sources(uint8_t sources[LULL_CL_SOURCES], const lull_cl_sched
         sources[2] = (uint8_t)lull_graph_find(s->graph, LULL_OP_SMOOTH);
         sources[3] = LULL_CL_NOISE_CODES;
     }
-    if (layer->op == LULL_OP_CORRECT)
-        sources[1] = LULL_CL_GAINS;
 }
 
 /* The first of a head's codes that a layer of the filter reads; heads may begin with a later one
@@ -324,17 +320,15 @@ static void add_layer(lull_cl_schedule *s, unsigned l)
                                       [LULL_OP_FIT] = LULL_CL_fit,
                                       [LULL_OP_REGRESS] = LULL_CL_regress,
                                       [LULL_OP_RESIDUAL] = LULL_CL_residual,
+                                      [LULL_OP_GAINS] = LULL_CL_gains,
                                       [LULL_OP_CORRECT] = LULL_CL_correct};
     const lull_layer *layer = &s->graph->layer[l];
-    const uint8_t sums[LULL_CL_SOURCES] = {layer->source[1], CL_NONE, CL_NONE, CL_NONE, CL_NONE};
     uint8_t sources[LULL_CL_SOURCES];
     lull_cl_filter *args;
     lull_cl_step *step;
 
     if (is_left_out(s, layer))
         return;
-    if (layer->op == LULL_OP_CORRECT)
-        add_filter(s, LULL_CL_gains, LULL_CL_GAINS, LULL_CELL_LEVEL, sums);
     filter_sources(sources, s, l);
     step = add_filter(s, kernels[layer->op],
                       layer->op == LULL_OP_ENCODE ? LULL_TENSOR_ALBEDO : l + 1, layer->level,
