@@ -33,7 +33,7 @@ CALM = F(0.05), F(14.285714)     # calm shares, likewise: noise codes count less
 LESS_OF_CODES = F(0.75)
 MORE_CALM = F(0.12), F(12.5)     # and without features more of the input stays, at most
 MORE_SHARE = F(0.2)
-CALM_SPARKS = F(4), F(0.5)       # what the input has beyond the result, relative to it
+CALM_SPARKS = F(8), F(0.25)      # what the input has beyond the result, relative to it
 
 
 def to_code(v: np.ndarray) -> np.ndarray:

@@ -415,13 +415,13 @@ LULL_INLINE float lull_run_share(float pixels, float noise, const lull_mixing *m
 
 /* That of a pixel, given what lies between those of the runs around it, its own code, result p and
  * radiance r: sparks stay out, less of what has more than 64, all of what has 128; where it is calm
- * only those more than four to six times as bright as the result. */
+ * only those more than eight to twelve times as bright as the result. */
 LULL_INLINE float lull_pixel_share(float share, uint8_t noise, const float *p, const float *r,
                                    const lull_mixing *mixing)
 {
     float w = 1.0f - lull_ramp((float)noise, 64.0f, 0.015625f), v = (p[0] + p[1]) + p[2];
     float q = (((r[0] + r[1]) + r[2]) - v) * (1.0f / (v + LULL_BALANCE_EPSILON));
-    float calm = mixing->calm * (1.0f - lull_ramp(q, 4.0f, 0.5f));
+    float calm = mixing->calm * (1.0f - lull_ramp(q, 8.0f, 0.25f));
     return share * (w > calm ? w : calm);
 }
 
