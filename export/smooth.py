@@ -29,7 +29,8 @@ LEAST_NOISE = F(2)               # above it the share of the input is less by th
 SHARE_PER_CODE, SHARE_PER_CODE_ALONE = F(0.125), F(0.0625)  # without features by that
 SPARK_CODES = F(64), F(0.015625) # of the pixel: from where on the share is less, by which slope
 MOST_SHARE = F(0.5)              # of the input
-CALM = F(0.05), F(14.285714)     # calm shares, likewise: noise codes count less, by at most
+CALM = F(0.08), F(12.5)          # calm shares, likewise: noise codes count less, by at most ...
+CALM_ALONE = F(0.05), F(14.285714)  # and without features
 LESS_OF_CODES = F(0.75)
 MORE_CALM = F(0.12), F(12.5)     # and without features more of the input stays, at most
 MORE_SHARE = F(0.2)
@@ -178,7 +179,7 @@ def mixed(result: np.ndarray, noise: np.ndarray, radiance: np.ndarray,
     """The exposed result [H,W,3] with some of the radiance where noise is little; noise and
     radiance as of corrected, is_alone: without features, calm: calm_share of the radiance."""
     most = MOST_SHARE + MORE_SHARE * ramp(calm, *MORE_CALM) if is_alone else MOST_SHARE
-    calm = ramp(calm, *CALM)
+    calm = ramp(calm, *CALM_ALONE if is_alone else CALM)
     per_code = SHARE_PER_CODE_ALONE if is_alone else SHARE_PER_CODE
     code = noise[..., 0].astype(F)
     runs = _runs(code)

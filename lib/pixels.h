@@ -386,7 +386,8 @@ LULL_INLINE float lull_ramp(float v, float begin, float slope)
 LULL_INLINE lull_mixing lull_mixing_of(float calm, int has_features)
 {
     lull_mixing mixing;
-    mixing.calm = lull_ramp(calm, 0.05f, 14.285714f);
+    mixing.calm =
+        has_features ? lull_ramp(calm, 0.08f, 12.5f) : lull_ramp(calm, 0.05f, 14.285714f);
     mixing.codes = 1.0f - 0.75f * mixing.calm;
     mixing.per_code = has_features ? LULL_SHARE_PER_CODE : LULL_SHARE_PER_CODE_ALONE;
     mixing.most = LULL_MOST_SHARE;

@@ -15,10 +15,10 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from export.kernel import LAST_STEPS
-from export.smooth import (ABOVE, BALANCE_EPS, BESIDE, CALM, CALM_SPARKS, CELL, FAR_OFFSETS,
-                           FAR_SPARKS_SQUARED, GUIDE_GAIN, LEAST_NOISE, LESS_OF_CODES, MORE_CALM,
-                           MORE_SHARE, MOST_GAIN, MOST_LACKING, MOST_SHARE, NOISE_EPS, NOISE_GAIN,
-                           NOISE_SHARE, NOISY, OFFSETS, RESULT_GAIN, RUN, RUNS_BESIDE,
+from export.smooth import (ABOVE, BALANCE_EPS, BESIDE, CALM, CALM_ALONE, CALM_SPARKS, CELL,
+                           FAR_OFFSETS, FAR_SPARKS_SQUARED, GUIDE_GAIN, LEAST_NOISE, LESS_OF_CODES,
+                           MORE_CALM, MORE_SHARE, MOST_GAIN, MOST_LACKING, MOST_SHARE, NOISE_EPS,
+                           NOISE_GAIN, NOISE_SHARE, NOISY, OFFSETS, RESULT_GAIN, RUN, RUNS_BESIDE,
                            SHARE_PER_CODE, SHARE_PER_CODE_ALONE, SPARK, SPARKS_LEAST,
                            SPARKS_SQUARED, SPARK_CODES, WIDTH_MAX, WIDTH_MIN, WIDTH_PER_CODE)
 from training import fused, regression
@@ -264,7 +264,7 @@ def mixed(result: Tensor, noise: Tensor, radiance: Tensor, is_alone: Tensor,
           calm: Tensor) -> Tensor:
     """export.smooth.mixed of tensors [N,C,H,W]; is_alone and calm: [N,1,1,1]."""
     most = float(MOST_SHARE) + float(MORE_SHARE) * is_alone * ramp(calm, MORE_CALM)
-    calm = ramp(calm, CALM)
+    calm = torch.where(is_alone, ramp(calm, CALM_ALONE), ramp(calm, CALM))
     per_code = torch.where(is_alone, float(SHARE_PER_CODE_ALONE), float(SHARE_PER_CODE))
     side, around = (1, RUN), 2 * RUNS_BESIDE + 1
     runs = torch.cat((torch.ones_like(noise), noise), 1)
