@@ -2,8 +2,10 @@
  * of the frame, and the smallest that agrees with the largest there denoises the frame.
  *
  * The sample is a grid of small windows, chosen from the frame's size alone. A window is a frame of
- * its own, with the scale of the whole one, so that a model does with it what it does with the
- * whole frame, but for the context that it lacks at its edges. Threads look at one window each. */
+ * its own, with the scale of the whole one and as calm, so that a model does with it what it does
+ * with the whole frame, but for the context that it lacks at its edges. Threads look at one window
+ * each.
+ */
 #include "internal.h"
 
 #include "../lib/exec_difference.h"
