@@ -139,7 +139,8 @@ LULL_NOINLINE static void go_across(float *v, float a, float b)
 LULL_NOINLINE static int get_grain(grain_row *grain, const lull_task *t, unsigned x, unsigned y)
 {
     const lull_plan *plan = t->plan;
-    const unsigned tensor = plan->model->graph.input - 1u;
+    const lull_graph *graph = &plan->model->graph;
+    const unsigned tensor = graph->layer[graph->input - 1].source[2]; /* what the input lost */
     const size_t plane = lull_exec_plane(plan, tensor);
     const int cells = (int)lull_cell_count(SIDE, lull_exec_inside(t));
     const int down = (int)lull_cell_count(SIDE, plan->frame.height);

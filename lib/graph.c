@@ -361,7 +361,7 @@ static lull_status add_filters(lull_graph *graph, int steps)
                                          LULL_READS_EIGHTH};
     static const lull_reads gains[] = {LULL_READS_6};
     static const lull_reads correct[] = {LULL_READS_ROW, LULL_READS_16TH};
-    const unsigned grain = graph->before ? graph->input - 1u : LULL_TENSOR_NONE;
+    const unsigned grain = find_from(graph, 0, LULL_OP_GRAIN, LULL_GRAIN_LEVEL);
     const int has_fit = steps == ALL_STEPS, has_residual = has_fit || steps == SMOOTH_AND_CORRECT;
     unsigned head[K_LEVELS], filtered[K_LEVELS], v, even, facing = LULL_TENSOR_NONE, result;
     for (unsigned s = 0; s < K_LEVELS; s++) {
