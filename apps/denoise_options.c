@@ -193,7 +193,11 @@ static exit_code validate(const S *s)
     image_error error;
     if (!s->files[0] && !s->files[1] && !s->files[2])
         return report_error(EXIT_USAGE, "no input image specified");
-    if (s->is_hdr && s->is_srgb)
+    if (strcmp(s->filter, "RT") && strcmp(s->filter, "RTLightmap"))
+        return report_error(EXIT_USAGE,
+                            "option -f does not take '%s'; RT or RTLightmap is expected",
+                            s->filter);
+    if (s->is_hdr && s->is_srgb && !strcmp(s->filter, "RT"))
         return report_error(EXIT_USAGE, "--srgb does not go with --hdr: HDR images are linear");
     if (!s->files[IMAGE_COLOR] && s->files[IMAGE_ALBEDO] && s->files[IMAGE_NORMAL])
         return report_error(EXIT_USAGE,

@@ -11,7 +11,7 @@ static exit_code run_frames(denoise_session *session, const denoise_settings *se
     sequence frames;
     exit_code code = EXIT_OK;
     if (!settings->frames)
-        return denoise_frame(session, 0);
+        return denoise_frame(session, SEQUENCE_NONE);
     if (sequence_parse(&frames, settings->frames))
         return report_error(
             EXIT_USAGE,
@@ -46,6 +46,5 @@ exit_code denoise_run(const denoise_settings *settings)
     if (code == EXIT_INTERRUPTED)
         report_error(code, "interrupted");
     json_number(&report, "peak_memory_bytes", (double)platform_peak_memory());
-    report_end(&report, code, settings->is_json);
-    return code;
+    return report_end(&report, code, settings->is_json);
 }

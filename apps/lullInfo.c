@@ -445,13 +445,15 @@ int main(int argc, char **argv)
     s.files = calloc((size_t)argc + 1, sizeof *s.files);
     if (!s.files)
         return report_error(EXIT_INPUT, "not enough memory");
-    if (options_parse(table, OPTIONS, &s, add_file, argc, argv) || s.is_help) {
-        if (s.is_help) {
-            printf("lullInfo: processor and ports; weights; images\n"
-                   "usage: lullInfo [WEIGHTS.tza | IMAGE]...\n"
-                   "       lullInfo --compare REFERENCE IMAGE...\n\n");
-            options_print(table, OPTIONS);
-        }
+    if (options_parse(table, OPTIONS, &s, add_file, argc, argv)) {
+        free(s.files);
+        return report_refusal(EXIT_USAGE, argc, argv);
+    }
+    if (s.is_help) {
+        printf("lullInfo: processor and ports; weights; images\n"
+               "usage: lullInfo [WEIGHTS.tza | IMAGE]...\n"
+               "       lullInfo --compare REFERENCE IMAGE...\n\n");
+        options_print(table, OPTIONS);
         free(s.files);
         return EXIT_USAGE;
     }
@@ -459,7 +461,7 @@ int main(int argc, char **argv)
         report_be_quiet();
     json_open(&report, NULL, '{');
     code = run(&s, &report);
-    report_end(&report, code, s.is_json);
+    code = report_end(&report, code, s.is_json);
     free(s.files);
     return code;
 }

@@ -325,8 +325,7 @@ static exit_code run(const settings *s)
     if (code == EXIT_INTERRUPTED)
         report_error(code, "interrupted");
     json_number(&report, "peak_memory_bytes", (double)platform_peak_memory());
-    report_end(&report, code, s->is_json);
-    return code;
+    return report_end(&report, code, s->is_json);
 }
 
 /* ---- Options --------------------------------------------------------------------------------- */
@@ -392,7 +391,7 @@ int main(int argc, char **argv)
     s.storage = 2;
     s.quality = s.max_memory = -1;
     if (options_parse(table, OPTIONS, &s, NULL, argc, argv))
-        return EXIT_USAGE;
+        return report_refusal(EXIT_USAGE, argc, argv);
     if (s.is_help) {
         printf("oidnBenchmark: times the denoising of random images\nusage: oidnBenchmark ...\n\n");
         options_print(table, OPTIONS);

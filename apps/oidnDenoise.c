@@ -12,7 +12,7 @@ int main(int argc, char **argv)
     }
     code = denoise_parse(&settings, argc, argv);
     if (code)
-        return code;
+        return report_refusal(code, argc, argv);
     if (settings.is_help) {
         denoise_print_help();
         return EXIT_USAGE;

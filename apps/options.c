@@ -1,5 +1,6 @@
 #include "options.h"
 
+#include <ctype.h>
 #include <errno.h>
 #include <limits.h>
 #include <math.h>
@@ -9,12 +10,22 @@
 
 #include "report.h"
 
+/* 1 if n bytes are the same, but for upper and lower case if is_any_case. */
+static int is_same(const char *a, const char *b, size_t n, int is_any_case)
+{
+    for (size_t i = 0; i < n; i++)
+        if (is_any_case ? tolower((unsigned char)a[i]) != tolower((unsigned char)b[i])
+                        : a[i] != b[i])
+            return 0;
+    return 1;
+}
+
 /* 1 if the first n bytes of text are one of the words in a list separated by spaces. */
-static int is_listed(const char *list, const char *text, size_t n)
+static int is_listed(const char *list, const char *text, size_t n, int is_any_case)
 {
     while (*list) {
         size_t length = strcspn(list, " ");
-        if (length == n && !memcmp(list, text, n))
+        if (length == n && is_same(list, text, n, is_any_case))
             return 1;
         list += length + (list[length] == ' ');
     }
@@ -24,7 +35,7 @@ static int is_listed(const char *list, const char *text, size_t n)
 int option_word_value(const option_word *words, const char *text)
 {
     for (; words->word; words++)
-        if (is_listed(words->word, text, strlen(text)))
+        if (is_listed(words->word, text, strlen(text), 1))
             return words->value;
     return -1;
 }
@@ -45,7 +56,7 @@ static int parse_float(const char *text, float *value)
 {
     char *end;
     *value = strtof(text, &end);
-    return end != text && !*end && isfinite(*value);
+    return end != text && !*end && !isinf(*value);
 }
 
 /* Stores the value of an option; 1 if it is valid. */
@@ -100,7 +111,7 @@ static int parse_option(const option *table, size_t count, void *settings, int a
     size_t k = 0;
 
     while (k < count &&
-           (table[k].kind == OPTION_HEADING || !is_listed(table[k].names, name, length)))
+           (table[k].kind == OPTION_HEADING || !is_listed(table[k].names, name, length, 0)))
         k++;
     if (k == count || !length) {
         report_error(EXIT_USAGE, "unknown option '%s'", argument);

@@ -9,9 +9,9 @@ typedef enum option_kind {
     OPTION_HEADING, /* only a line of the help */
     OPTION_FLAG,    /* int: set to `low` */
     OPTION_INT,     /* int in [low, high] */
-    OPTION_FLOAT,   /* float, finite */
+    OPTION_FLOAT,   /* float, finite or "nan" */
     OPTION_TEXT,    /* const char *, the argument itself */
-    OPTION_WORD,    /* int: the value of one of `words` */
+    OPTION_WORD,    /* int: the value of one of `words`, in upper or lower case */
     OPTION_CALL     /* `call` takes `values` arguments */
 } option_kind;
 
@@ -41,7 +41,7 @@ int options_parse(const option *table, size_t count, void *settings,
 /* The table as help on stdout. */
 void options_print(const option *table, size_t count);
 
-/* Value of a word, or -1. */
+/* Value of a word, in upper or lower case, or -1. */
 int option_word_value(const option_word *words, const char *text);
 
 /* Decimal integer in [low, high] that is the whole text: returns 1 and stores it. */

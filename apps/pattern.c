@@ -102,6 +102,8 @@ static int match_piece(matcher *m, const char *p, const char *end, const char *t
 {
     if (*p == '(')
         return match_alternatives(m, p + 1, end - 1, text, next);
+    if (*p == '^' || *p == '$') /* the begin and the end of the text */
+        return (*p == '^' ? text == m->text : !*text) && match_rest(m, next, text);
     return *text && matches_one(p, end, *text) && match_rest(m, next, text + 1);
 }
 
@@ -189,6 +191,8 @@ static const char *error_between(const char *p, const char *end)
         const char *inner = NULL;
         if (!after)
             return *p == '[' ? "[ without ]" : *p == '(' ? "( without )" : "\\ at the end";
+        if (*p == '{')
+            return "counts in braces are not known, and a brace itself is \\{";
         if (*p == ')' || *p == ']')
             return *p == ')' ? ") without (" : "] without [";
         if (*p == '*' || *p == '+' || *p == '?') {

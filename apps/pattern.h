@@ -1,6 +1,5 @@
-/* Small regular expressions, for --run: literals, . [a-z] [^a] ( ) | * + ? and \ before a special
- * character
- * (\d \w \s are digit, word and space). The same on every system. */
+/* Small regular expressions, for --run: literals, . [a-z] [^a] ( ) | * + ? ^ $ and \ before a
+ * special character (\d \w \s are digit, word and space). The same on every system. */
 #ifndef LULL_APPS_PATTERN_H
 #define LULL_APPS_PATTERN_H
 

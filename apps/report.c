@@ -3,6 +3,7 @@
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 static char last_error[1024];
 static int is_quiet;
@@ -35,13 +36,25 @@ void report_line(const char *format, ...)
     fflush(stdout);
 }
 
-void report_end(json *report, exit_code code, int is_json)
+exit_code report_end(json *report, exit_code code, int is_json)
 {
     json_number(report, "exit_code", code);
     if (code)
         json_text(report, "error", last_error);
     json_close(report, '}');
-    if (is_json)
-        json_print(report);
+    if (is_json && json_print(report) && !code)
+        code = report_error(EXIT_OUTPUT, "cannot write to the standard output");
     free(report->text);
+    return code;
+}
+
+exit_code report_refusal(exit_code code, int argc, char **argv)
+{
+    json report;
+    int is_json = 0;
+    for (int i = 1; i < argc; i++)
+        is_json |= argv[i][0] == '-' && !strcmp(argv[i] + strspn(argv[i], "-"), "json");
+    memset(&report, 0, sizeof report);
+    json_open(&report, NULL, '{');
+    return report_end(&report, code, is_json);
 }

@@ -33,7 +33,10 @@ void report_line(const char *format, ...) REPORT_PRINTF(1, 2);
 void report_be_quiet(void);
 
 /* Ends a program's JSON object with its exit code and, if that tells of one, the last error; prints
- * it if is_json, and frees it. */
-void report_end(json *report, exit_code code, int is_json);
+ * it if is_json, and frees it. Returns the code, or another one if nothing could be printed. */
+exit_code report_end(json *report, exit_code code, int is_json);
+
+/* The same for arguments that are refused, if --json is among them. */
+exit_code report_refusal(exit_code code, int argc, char **argv);
 
 #endif

@@ -101,7 +101,7 @@ char *sequence_path(const char *pattern, int frame)
 {
     size_t start = 0, room = strlen(pattern) + 32;
     int digits = 0;
-    size_t length = find_place(pattern, &start, &digits);
+    size_t length = frame == SEQUENCE_NONE ? 0 : find_place(pattern, &start, &digits);
     char *path = malloc(room);
     if (path && length)
         snprintf(path, room, "%.*s%0*d%s", (int)start, pattern, digits > 20 ? 20 : digits, frame,

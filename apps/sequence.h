@@ -6,6 +6,7 @@
 #include <stddef.h>
 
 #define SEQUENCE_MAX 1000000 /* frames */
+#define SEQUENCE_NONE (-1)   /* number of an image that belongs to no sequence */
 
 typedef struct sequence {
     int *frames; /* malloc */
@@ -19,8 +20,8 @@ void sequence_free(sequence *s);
 /* 1 if the path has a place for a number in its last component. */
 int sequence_is_pattern(const char *path);
 
-/* The path of a frame (malloc; NULL without memory). Paths without a place for a number are copied.
- */
+/* The path of a frame (malloc; NULL without memory). Paths without a place for a number, and those
+ * of SEQUENCE_NONE, are copied. */
 char *sequence_path(const char *pattern, int frame);
 
 #endif

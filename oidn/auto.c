@@ -134,7 +134,7 @@ bool lull_ladder_find(lull_ladder *ladder, OIDNFilter filter, const lull_frame *
     const lull_frame window = window_frame(frame);
 
     memset(ladder, 0, sizeof *ladder);
-    if (filter->values[lull_value_quality].i != LULL_QUALITY_AUTO || filter->weights_bytes ||
+    if (filter->values[lull_value_quality].i != LULL_QUALITY_AUTO || filter->weights_data ||
         filter->device->engine || is_small(frame))
         return true;
     if (!add_rung(ladder, filter, OIDN_QUALITY_FAST, frame, model, fault) ||

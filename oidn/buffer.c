@@ -236,7 +236,8 @@ static bool copy(OIDNBuffer buffer, size_t offset, size_t bytes, void *to, const
     job.buffers[0] = buffer;
     lull_buffer_hold(buffer);
     buffer->last_job = lull_queue_submit(device, &job);
-    return async || lull_queue_sync(device, fault); /* a sync tells of failed earlier work, too */
+    /* Earlier work that failed is told of by a sync or an execution, not by this copy. */
+    return async || lull_queue_wait(device, buffer->last_job, fault);
 }
 
 OIDN_API void oidnReadBuffer(OIDNBuffer buffer, size_t byteOffset, size_t byteSize,

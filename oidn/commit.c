@@ -338,13 +338,13 @@ static bool choose_model(OIDNFilter filter, lull_frame *frame, const lull_model 
     if (filter->weights_dirty) {
         lull_filter_free_plan(filter);
         lull_weights_free(&filter->weights);
-        if (filter->weights_bytes &&
+        if (filter->weights_data &&
             !lull_weights_load(&filter->weights, filter->weights_data, filter->weights_bytes,
                                filter->device->ports, fault))
             return false;
         filter->weights_dirty = false;
     }
-    if (filter->weights_bytes) {
+    if (filter->weights_data) {
         *model = filter->weights.model;
         *bytes = filter->weights.bytes;
         return true;

@@ -29,35 +29,34 @@ OIDN_API OIDNSemaphore oidnNewSharedSemaphoreFromWin32Handle(
     return refuse(device);
 }
 
-/* Signalling or waiting: fine for no semaphores, impossible for any. */
-static void use(OIDNDevice device, const OIDNSemaphore *semaphores, int count)
+/* Signalling or waiting, for whatever semaphores. */
+static void use(OIDNDevice device)
 {
     lull_call call;
 
-    if (lull_call_begin(&call, device) && lull_device_ready(device, &call.fault)) {
-        if (count < 0 || (count > 0 && (!semaphores || !semaphores[0])))
-            lull_fail(&call.fault, OIDN_ERROR_INVALID_ARGUMENT, "semaphores are null");
-        else if (count > 0)
-            lull_fail(&call.fault, OIDN_ERROR_INVALID_OPERATION,
-                      "the device supports no semaphores");
-    }
+    if (lull_call_begin(&call, device) && lull_device_ready(device, &call.fault))
+        lull_fail(&call.fault, OIDN_ERROR_INVALID_OPERATION, "the device supports no semaphores");
     lull_call_end(&call);
 }
 
 OIDN_API void oidnSignalSemaphoresAsync(OIDNDevice device, const OIDNSemaphore *semaphores,
                                         const uint64_t *values, int numSemaphores)
 {
+    (void)semaphores;
     (void)values;
-    use(device, semaphores, numSemaphores);
+    (void)numSemaphores;
+    use(device);
 }
 
 OIDN_API void oidnWaitSemaphoresAsync(OIDNDevice device, const OIDNSemaphore *semaphores,
                                       const uint64_t *values, const uint32_t *timeoutsMs,
                                       int numSemaphores)
 {
+    (void)semaphores;
     (void)values;
     (void)timeoutsMs;
-    use(device, semaphores, numSemaphores);
+    (void)numSemaphores;
+    use(device);
 }
 
 static void count_reference(OIDNSemaphore semaphore)

@@ -282,8 +282,8 @@ static void progress_cancel(void)
     free(out);
 }
 
-/* A cancellation in the background is told at the next point that waits: sync, blocking execution
- * or copy, or a commit that makes a new plan. */
+/* A cancellation in the background is told at the next sync, blocking execution, or commit that
+ * makes a new plan; not by a copy, which waits and succeeds. */
 static void cancel_is_told_once(void)
 {
     OIDNDevice device = new_device();
@@ -304,9 +304,13 @@ static void cancel_is_told_once(void)
             oidnSyncDevice(device);
         else if (i == 1)
             oidnExecuteFilter(other);
-        else if (i == 2)
+        else if (i == 2) {
             oidnReadBuffer(buffer, 0, 4, bytes);
-        else {
+            ERROR(device, NONE);
+            oidnWriteBuffer(buffer, 0, 4, bytes);
+            ERROR(device, NONE);
+            oidnSyncDevice(device);
+        } else {
             oidnSetFilterBool(filter, "srgb", false);
             oidnCommitFilter(filter);
         }

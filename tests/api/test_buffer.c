@@ -79,10 +79,12 @@ static void shared_buffers(void)
     ERROR(device, ARGUMENT);
     CHECK(!oidnNewSharedBufferFromWin32Handle(device, 4, NULL, NULL, 16));
     ERROR(device, ARGUMENT);
-    oidnSignalSemaphoresAsync(device, NULL, NULL, 0);
-    if (!is_peer())
-        ERROR(device, NONE);
-    oidnGetDeviceError(device, NULL);
+    for (int n = -1; n <= 1; n++) {
+        oidnSignalSemaphoresAsync(device, NULL, NULL, n);
+        ERROR(device, OPERATION);
+        oidnWaitSemaphoresAsync(device, NULL, NULL, NULL, n);
+        ERROR(device, OPERATION);
+    }
     oidnReleaseDevice(device);
 }
 

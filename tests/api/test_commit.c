@@ -368,6 +368,12 @@ static void what_dirties(void)
     ERROR(device, ARGUMENT);
     oidnExecuteFilter(filter);
     ERROR(device, NONE);
+    oidnSetSharedFilterData(filter, "weights", pixels[0], 0); /* an empty file is none */
+    oidnCommitFilter(filter);
+    ERROR(device, OPERATION);
+    oidnSetSharedFilterData(filter, "weights", NULL, 0);
+    oidnCommitFilter(filter);
+    ERROR(device, NONE);
     oidnReleaseFilter(filter);
     oidnReleaseDevice(device);
 }

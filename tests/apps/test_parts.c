@@ -202,12 +202,18 @@ static void patterns_match_whole_texts(void)
         {".*x.*", "axb", 1},
         {"(a(b|c))*d", "abacd", 1},
         {"((a|ab)(c|bcd))d*", "abcd", 1},
+        {"^a.*c$", "abc", 1},
+        {"(^a|b$)+", "a", 1},
+        {"a^b", "ab", 0},
+        {"a$b", "ab", 0},
+        {"\\^\\$\\{", "^${", 1},
     };
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++)
         if (!CHECK_EQ(pattern_matches(cases[i].pattern, cases[i].text), cases[i].matches))
             printf("%s against %s\n", cases[i].pattern, cases[i].text);
     CHECK(pattern_error("a(b") && pattern_error("*") && pattern_error("a)") && pattern_error("[a"));
     CHECK(pattern_error("a**") && pattern_error("a\\") && !pattern_error("(a|b)*c?"));
+    CHECK(pattern_error("a{3}") && !pattern_error("^a$"));
 }
 
 /* ---- Sequences, JSON ------------------------------------------------------------------------- */
@@ -225,6 +231,8 @@ static void frames_have_paths(void)
     sequence s;
     check_path("a/b.####.exr", 7, "a/b.0007.exr");
     check_path("b#.exr", 123, "b123.exr");
+    check_path("b#.exr", SEQUENCE_NONE, "b#.exr");
+    check_path("b%d.exr", SEQUENCE_NONE, "b%d.exr");
     check_path("b.%04d.exr", 7, "b.0007.exr");
     check_path("%d", 7, "7");
     check_path("dir#/b.exr", 7, "dir#/b.exr");

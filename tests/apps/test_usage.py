@@ -1,0 +1,74 @@
+"""oidnDenoise: what it refuses, how it says so, and names that only look like patterns."""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from tests.apps import tools as t
+from tests.apps.tools import ALL
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        "--nonsense",
+        "--hdr",
+        "--hdr a.pfm -n 0",
+        "--hdr a.pfm -n x",
+        "--hdr a.pfm -q best",
+        "--hdr a.pfm -t double",
+        "--hdr a.pfm -d tpu",
+        "--hdr a.pfm --threads -1",
+        "-o x.pfm",
+        "--hdr a.pfm --is inf",
+        "--hdr a.pfm -f XX",
+        "--hdr a.pfm -f rt",
+        "--hdr a.pfm --is 1x",
+        "--hdr a.pfm --buffer disk",
+        "a.pfm b.pfm",
+        "-",
+        "--hdr a.pfm --srgb",
+        "--alb a.pfm --nrm b.pfm",
+        "--hdr a.pfm --affinity 2",
+        "--srgb=1",
+        "--hdr a.pfm --layer normals=N",
+        "--hdr a.pfm --layer albedo",
+        "--hdr a.pfm -o",
+        "--hdr a.####.pfm --frames 1-3 -o b.pfm",
+        "--hdr a.pfm -v 9",
+    ],
+)
+def test_usage_errors(denoise, work, arguments):
+    t.write_pfm(work / "a.pfm", t.noise(8, 8))
+    done = denoise(*arguments.split())
+    assert done.code == 1 and done.error
+    assert done.out == ""
+
+
+@pytest.mark.parametrize("arguments", ["--foo", "--hdr a.pfm -q best", "-f XX --hdr a.pfm"])
+def test_json_of_a_usage_error(denoise, work, arguments):
+    t.write_pfm(work / "a.pfm", t.noise(8, 8))
+    for done in denoise(*arguments.split(), "--json"), denoise("--json", *arguments.split()):
+        assert done.code == 1 and done.json == {"exit_code": 1, "error": done.error[7:]}
+
+
+def test_names_are_patterns_of_sequences_alone(denoise, identity, work):
+    """Without --frames a file is called what it is called."""
+    image = t.noise(20, 24)
+    for name in "shot#1.pfm", "x%d.pfm", "a 100%done.pfm":
+        t.write_pfm(work / name, image)
+        done = denoise("--hdr", name, "-w", identity[3], "-o", f"out {name}")
+        assert done.code == 0, done.err
+        assert (work / f"out {name}").exists()
+    assert len(list(work.glob("out*"))) == 3
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full")
+def test_json_that_cannot_be_written(build, identity, frame, work):
+    command = [build / "bin" / "oidnDenoise", *ALL, "-w", identity[9], "--json"]
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, cwd=work, text=True)
+    assert done.returncode == 4 and "standard output" in done.stderr
