@@ -1,6 +1,9 @@
 /* Running a committed filter: what is queued, and what the queue's thread then does. */
 #include "internal.h"
 
+#include "../lib/pack.h"
+
+#include <math.h>
 #include <string.h>
 
 /* What lull_run gets as `user`. */
@@ -49,6 +52,34 @@ static void copy_stage(const lull_image *to, const void *stage, unsigned width, 
     }
 }
 
+/* The scale that was given, but for networks of kernel prediction no farther from the automatic one
+ * than two stops: they see light in 255 steps, and next to nothing of what is far too dark. What
+ * comes out is divided by it again. */
+#define MOST_APART 4.0f
+
+static float visible_scale(OIDNFilter filter, const lull_images *images, const lull_host *host)
+{
+    const float given = images->input_scale;
+    lull_images measured = *images;
+
+    if (filter->model->graph.family != LULL_FAMILY_K || !(given > 0) ||
+        (filter->frame.content != LULL_HDR && filter->frame.content != LULL_LIGHTMAP_HDR) ||
+        !(filter->frame.features & LULL_HAS_COLOR))
+        return given;
+    measured.input_scale = NAN;
+    measured.calm = 0; /* not asked for */
+    if (!filter->plan)
+        measured.input_scale =
+            lull_autoexposure(&images->color, filter->frame.width, filter->frame.height);
+    else if (lull_measure(&measured, filter->plan, host) != LULL_OK)
+        return given;
+    if (!(measured.input_scale > 0)) /* none is small enough */
+        return given;
+    return given < measured.input_scale / MOST_APART   ? measured.input_scale / MOST_APART
+           : given > measured.input_scale * MOST_APART ? measured.input_scale * MOST_APART
+                                                       : given;
+}
+
 static void run_filter(const lull_job *job, lull_fault *fault)
 {
     OIDNFilter filter = job->filter;
@@ -67,6 +98,7 @@ static void run_filter(const lull_job *job, lull_fault *fault)
         images.output.pixel_stride = images.output.row_stride = 0;
     }
     lull_pool_enter(state.pool);
+    images.input_scale = visible_scale(filter, &images, &host);
     status = filter->engine_plan
                  ? filter->device->engine->run(filter->engine_plan, &images, &host, fault)
              : filter->ladder.rungs ? lull_ladder_run(filter, &images, &host, &quality)

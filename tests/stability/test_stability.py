@@ -123,6 +123,16 @@ def test_exposure_changes_nothing_but_scale(clean_up, stops):
     assert np.abs(scaled - expected).mean() < 2e-3 * expected.mean()
 
 
+@pytest.mark.parametrize("scale", ["0.0001", "0.01", "100", "100000"])
+@pytest.mark.parametrize("left_out", [(), ("albedo", "normal")])
+def test_any_scale_will_do(clean_up, left_out, scale):
+    """However far it is from what suits the picture."""
+    frame = scene()
+    images = inputs(frame, *left_out)
+    expected = psnr(clean_up(images), frame["clean"])
+    assert psnr(clean_up(images, "high", "--is", scale), frame["clean"]) > expected - 1.5
+
+
 @pytest.mark.parametrize("options,most", [(("--is", "0.3"), 0.01), ((), 0.05)])
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, -3.0, 3e38])
 def test_broken_pixels_stay_where_they_are(clean_up, value, options, most):
