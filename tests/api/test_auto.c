@@ -150,7 +150,7 @@ static void scale_is_that_of_the_frame(void)
         oidnCommitFilter(filter);
         oidnExecuteFilter(filter);
         ERROR(device, NONE);
-        CHECK_EQ(used(filter), FAST); /* black at the scale given */
+        CHECK_EQ(used(filter), HIGH); /* a scale that would hide it is not taken */
         oidnReleaseFilter(filter);
         for (k = 0; k < VALUES; k++)
             color[k] = k / 3 % W < W / 2 ? 1 : color[k];
