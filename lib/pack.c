@@ -508,6 +508,14 @@ LULL_NOINLINE static size_t size_of(lull_graph *graph, const lull_tza *tza, uint
     return examine(graph, &kernels, &bytes, tza, ports) == LULL_OK ? bytes : 0;
 }
 
+/* What is wrong with the weights of a network; MEMORY if nothing is. */
+LULL_NOINLINE static lull_status find_fault(const lull_tza *tza)
+{
+    lull_graph graph;
+    lull_status status = lull_graph_build(&graph, tza);
+    return status == LULL_OK ? LULL_ERROR_MEMORY : status;
+}
+
 size_t lull_model_size(const void *tza_bytes, size_t size, uint32_t ports)
 {
     lull_tza tza;
@@ -524,13 +532,14 @@ lull_status lull_model_init(lull_model **model, void *memory, size_t memory_byte
     lull_model *made = memory;
     size_t total = lull_align_up(sizeof *made, LULL_ALIGN);
     lull_status status;
-    if (!model || !memory || (uintptr_t)memory % LULL_ALIGN || !tza_bytes)
+    if (!model || !tza_bytes ||
+        (memory_bytes >= sizeof *made && (!memory || (uintptr_t)memory % LULL_ALIGN)))
         return LULL_ERROR_ARGUMENT;
     status = lull_tza_open(&tza, tza_bytes, size);
     if (status != LULL_OK)
         return status;
-    if (memory_bytes < sizeof *made)
-        return LULL_ERROR_MEMORY;
+    if (memory_bytes < sizeof *made) /* says why lull_model_size is 0, whatever the memory */
+        return find_fault(&tza);
     memset(made, 0, sizeof *made);
     status = examine(&made->graph, &made->kernels, &made->bytes, &tza, ports);
     if (status == LULL_OK)

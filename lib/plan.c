@@ -420,15 +420,23 @@ size_t lull_plan_minimum(const lull_frame *frame, const lull_model *model)
     return plan.bytes;
 }
 
+/* What is wrong with a frame and a model; MEMORY if nothing is. */
+LULL_NOINLINE static lull_status find_fault(const lull_frame *frame, const lull_model *model)
+{
+    lull_plan plan;
+    lull_status status = start(&plan, frame, model);
+    return status == LULL_OK ? LULL_ERROR_MEMORY : status;
+}
+
 lull_status lull_plan_init(lull_plan **plan, void *memory, size_t memory_bytes,
                            const lull_frame *frame, const lull_model *model)
 {
     lull_plan *made = memory;
     lull_status status;
-    if (!plan || !memory || (uintptr_t)memory % LULL_ALIGN)
+    if (!plan || (memory_bytes >= sizeof *made && (!memory || (uintptr_t)memory % LULL_ALIGN)))
         return LULL_ERROR_ARGUMENT;
-    if (memory_bytes < sizeof *made)
-        return LULL_ERROR_MEMORY;
+    if (memory_bytes < sizeof *made) /* says why lull_plan_size is 0, whatever the memory */
+        return find_fault(frame, model);
     status = start(made, frame, model);
     if (status == LULL_OK)
         status = choose(made);
