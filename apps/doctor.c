@@ -173,7 +173,7 @@ static void examine_range(findings *out, const image *img, doctor_content conten
     default:
         if (clipped >= 4 && clipped * 5000 > n)
             add(out, FINDING_LDR_AS_HDR, IMAGE_COLOR,
-                "marked HDR, but %.2g %% of the values are clipped at 1: use "
+                "marked HDR, but %.3g %% of the values are clipped at 1: use "
                 "--ldr, and --srgb if it is encoded",
                 percent(clipped, n));
     }

@@ -28,12 +28,11 @@ from bench.bilateral import joint_bilateral
 from bench.svg import Point, chart
 from export import manifest
 from training import color, metrics
-from training.data import hold_out
 from training.errors import ToolError
 from training.evaluate import Case, find_cases, has_features
 from training.features import load
 from training.imageio import read_pfm
-from training.scan import scan
+from training.scan import hold_out, scan
 
 FEATURES = ["hdr", "alb", "nrm"]
 NAMES = ("psnr", "ssim", "flip", "relmse")

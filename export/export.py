@@ -14,6 +14,7 @@ from pathlib import Path
 
 import torch
 
+from export.kernel import find_net
 from export.onnx import write_onnx
 from export.tza import TzaError, write_weights
 from training import errors
@@ -90,6 +91,8 @@ def export_weights(result: Result, settings: Settings) -> Path:
         raise ToolError(f"{path}: {e}", STATE) from e
     for name, tensor in tensors.items():
         print(f"{name} {tuple(tensor.shape)}")
+    if find_net(tensors):
+        print("A model of family K: oidnDenoise and the library run it as integers only (--int8)")
     return path
 
 

@@ -118,8 +118,8 @@ def _hable(x):
 
 def tonemap(image):
     """Exposed radiance -> display-linear [0,1] (Hable's curve with 0.18 -> 0.18, white 11.2)."""
-    m = _lib(image)
-    return m.clip(_hable(m.clip(image, 0.0, None) * 1.758141) / _hable(11.2), 0.0, 1.0)
+    m = _lib(image)  # white long before the squares of radiance overflow
+    return m.clip(_hable(m.clip(image, 0.0, 1e6) * 1.758141) / _hable(11.2), 0.0, 1.0)
 
 
 def display(image, exposure: float = 1.0):

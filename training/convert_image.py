@@ -66,7 +66,7 @@ def main(argv: list[str]) -> None:
     wanted = feature_of(target)
     result = convert(image, feature, wanted, settings.exposure)
     if target.suffix[1:].lower() not in LINEAR_FORMATS and wanted != "srgb":
-        result = metrics.to_display(result, wanted)
+        result = metrics.to_codes(result, wanted)
     write_image(target, result)
 
 

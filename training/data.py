@@ -18,7 +18,7 @@ from training import color, kernel_model
 from training.augment import DARKEST, DEFOCUS_SPP, MINIFIED, PLAIN, SHADOW_P, Augment, \
     add_fireflies, blurred, defocused, figure, hits_by_chance, minified, texture, zoomed
 from training.errors import DATA, ToolError
-from training.features import encode, load
+from training.features import encode, holds, load
 from training.scan import CHANNELS, FEATURES, Group, Scan
 
 BORDER_P, BORDER_MAX = 0.1, 15  # tiles that are cut short and zero padded, as at image borders
@@ -70,7 +70,8 @@ def from_raw(found: Scan, features: list[str], main: str, transfer: str, clean_a
     pictures = []
     for group in found.groups:
         try:
-            pictures.append(load_group(group, features, main, transfer, clean_aux, layers))
+            pictures.append(load_group(group, features, main, transfer, clean_aux, layers,
+                                       log))
         except ToolError as e:
             if log:
                 log(f"left out {group.name}: {e}")
@@ -78,10 +79,12 @@ def from_raw(found: Scan, features: list[str], main: str, transfer: str, clean_a
 
 
 def load_group(group: Group, features: list[str], main: str, transfer: str,
-               clean_aux: bool = False, layers: dict[str, str] | None = None) -> Picture:
-    """One group exposed by its reference; the target keeps its aux features if it has them."""
+               clean_aux: bool = False, layers: dict[str, str] | None = None,
+               log: Callable[[str], None] | None = None) -> Picture:
+    """One group exposed by its reference; the target keeps its aux features if it has them. Inputs
+    that cannot be read are reported through `log` and left out, unless all are."""
     assert group.target is not None
-    with_aux = clean_aux or not group.target.missing(features)
+    with_aux = clean_aux or holds(group.target, features, layers)
     target = load(group.target, features if with_aux else [main], layers)
     size = target[main].shape[:2]
     exposure = color.autoexposure(target[main]) if main == "hdr" else 1.0
@@ -89,16 +92,25 @@ def load_group(group: Group, features: list[str], main: str, transfer: str,
     def half(images: dict[str, np.ndarray]) -> np.ndarray:
         return np.clip(encode(images, main, transfer, exposure), 0.0, 1.0).astype(np.float16)
 
-    inputs = []
+    inputs, versions, last = [], [], None
     for version in group.inputs:
-        images = load(version, [main] if clean_aux else features, layers)
-        if images[main].shape[:2] != size:
-            height, width = images[main].shape[:2]
-            raise ToolError(f"{version.name}: {width}x{height} pixels, its reference has "
-                            f"{size[1]}x{size[0]}", DATA)
+        try:
+            images = load(version, [main] if clean_aux else features, layers)
+            if images[main].shape[:2] != size:
+                height, width = images[main].shape[:2]
+                raise ToolError(f"{version.name}: {width}x{height} pixels, its reference has "
+                                f"{size[1]}x{size[0]}", DATA)
+        except ToolError as e:
+            last = e
+            if log and len(group.inputs) > 1:
+                log(f"left out {version.name}: {e}")
+            continue
         inputs.append(half(images))
-    return Picture(group.name, inputs, [float(v.spp or 1) for v in group.inputs], half(target),
-                   [v.name for v in group.inputs], float(group.target.spp or math.inf))
+        versions.append(version)
+    if last and not inputs:
+        raise last
+    return Picture(group.name, inputs, [float(v.spp or 1) for v in versions], half(target),
+                   [v.name for v in versions], float(group.target.spp or math.inf))
 
 
 class Batches:
@@ -335,13 +347,3 @@ def shuffle(x: np.ndarray, y: np.ndarray, features: list[str], main: str, rng: n
     if rng.random() < 0.5:
         x, y = x.transpose(1, 0, 2), y.transpose(1, 0, 2)
     return x, y
-
-
-def hold_out(groups: list[Group], count: int) -> tuple[list[Group], list[Group]]:
-    """(training, validation): `count` groups spread evenly over the list are held out."""
-    count = min(count, len(groups) - 1)
-    chosen = {round((i + 0.5) * len(groups) / count) for i in range(count)} if count > 0 else set()
-    chosen = {min(i, len(groups) - 1) for i in chosen}
-    return ([g for i, g in enumerate(groups) if i not in chosen],
-            [g for i, g in enumerate(groups) if i in chosen])
-

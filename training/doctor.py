@@ -20,7 +20,7 @@ import numpy as np
 
 from training import color, errors, metrics
 from training.errors import DATA, ToolError
-from training.features import clean, load_raw
+from training.features import clean, holds, load_raw
 from training.scan import Group, Version, scan
 from training.settings import parse
 
@@ -95,7 +95,7 @@ def check_group(group: Group, features: list[str], layers: dict[str, str]) -> It
     main = features[0]
     target, size = None, None
     for version in [v for v in (group.target, *group.inputs) if v]:
-        wanted = features if not version.missing(features) else [main]
+        wanted = features if holds(version, features, layers) else [main]
         try:
             opened: dict = {}
             raw = {f: load_raw(version, f, layers, opened) for f in wanted}

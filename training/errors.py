@@ -1,7 +1,9 @@
 """Errors of the toolkit: one line on stderr, an exit code per kind."""
 from __future__ import annotations
 
+import signal
 import sys
+import threading
 from collections.abc import Callable
 
 USAGE, DATA, STATE, OUTPUT, DEPENDENCY = 2, 3, 4, 5, 6
@@ -22,6 +24,8 @@ class ToolError(Exception):
 
 def run(main: Callable[[list[str]], object], argv: list[str] | None = None) -> None:
     """Run a script's main and leave the process: with 0, or one line on stderr and a code."""
+    if threading.current_thread() is threading.main_thread():  # as Ctrl-C: what is done is saved
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
     if hasattr(sys.stdout, "reconfigure"):
         sys.stdout.reconfigure(line_buffering=True)  # logs show progress as it happens
     try:

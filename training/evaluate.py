@@ -27,17 +27,15 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from export.tza import Reader
+from export.tza import Reader, TzaError
 from training import color, errors, metrics, nets, peer
-from training.data import hold_out
 from training.errors import DATA, DEPENDENCY, STATE, USAGE, ToolError
-from training.features import load
-from training.imageio import read_exr_channels, replacing
+from training.features import holds, load
+from training.imageio import replacing
 from training.infer import Denoiser
-from training.layers import find_channels
 from training.nets import from_tensors
 from training.result import read_weights
-from training.scan import Group, Version, list_versions, scan
+from training.scan import Group, Version, hold_out, list_versions, scan
 
 NAMES = ("psnr", "ssim", "flip")
 MARKS = ("<!-- scores -->", "<!-- /scores -->")
@@ -72,10 +70,7 @@ def _groups(root: Path) -> list[Group]:
 
 def has_features(version: Version, features: list[str]) -> bool:
     features = ["hdr" if f == "ldr" else f for f in features]  # see evaluate
-    if "*" not in version.files:
-        return not version.missing(features)
-    channels = read_exr_channels(version.files["*"])
-    return all(find_channels(f, channels) for f in features)
+    return holds(version, features)
 
 
 class Program:
@@ -93,7 +88,13 @@ class Program:
 
 def load_denoiser(path: Path, features: list[str]) -> Denoiser | Program:
     """Our network of a weights file, as torch runs it; integer models as the C core does."""
-    if any(t.dtype == np.int8 for t in Reader(path).values()):
+    try:
+        is_integer = any(t.dtype == np.int8 for t in Reader(path).values())
+    except OSError as e:
+        raise ToolError(f"{path}: cannot read ({e.strerror})", DATA) from e
+    except TzaError as e:
+        raise ToolError(str(e), STATE) from e
+    if is_integer:
         return Program(path, features)
     model = from_tensors(read_weights(path)).eval()
     if model.net.family == "U" and model.inputs != 3 * len(features):
@@ -133,7 +134,8 @@ def evaluate(case: Case, path: Path, denoiser: Denoiser | Program, binary: Path 
             theirs = peer.denoise(binary, images, path.resolve())
             row["agreement"] = peer.difference(outputs["lull"], theirs)
     displays = {m: metrics.to_display(image, main, exposure) for m, image in outputs.items()}
-    row |= {m: metrics.measure(image, shown, names) for m, image in displays.items()}
+    row |= {m: metrics.measure(image, shown, names, f"{case.name} ({m})")
+            for m, image in displays.items()}
     if less_reference:
         noise = noise_of_reference(case, metrics.mse(displays["noisy"], shown))
         for method, image in displays.items():
@@ -228,6 +230,11 @@ def main(argv: list[str]) -> None:
                         help="status 4 if the mean PSNR of a set gains less than this")
     parser.add_argument("--no_oidn", action="store_true", help="do not run the real OIDN")
     args = parser.parse_args(argv)
+    if not args.images and not args.held_out:
+        raise ToolError("nothing to measure: --images or --held_out is missing", USAGE)
+    for text in args.weights:
+        if "=" not in text:
+            raise ToolError(f"{text}: say which images it takes, as in {text}=hdr,alb,nrm", USAGE)
     if args.less_reference and "psnr" not in args.metric:
         raise ToolError("--less_reference: is about psnr, which --metric leaves out", USAGE)
     torch.set_num_threads(1)
@@ -245,6 +252,7 @@ def main(argv: list[str]) -> None:
         path, features = Path(file), names.split(",")
         denoiser = load_denoiser(path, features)
         lines += [f"### {path.stem}", ""]
+        before = len(figures)
         for title, cases in sets:
             rows = []
             for case in (c for c in cases if has_features(c.source, features)
@@ -264,6 +272,8 @@ def main(argv: list[str]) -> None:
                       verdict(rows)]
             lines += [""]
             figures += [{"weights": path.name, "set": title, **r} for r in rows]
+        if len(figures) == before:
+            raise ToolError(f"{text}: no picture has {names}", DATA)
     if args.json:
         args.json.write_text(json.dumps(figures, indent=1) + "\n")
     if args.report:

@@ -67,6 +67,16 @@ def load_raw(version: Version, feature: str, layers: dict[str, str] | None = Non
     return image
 
 
+def holds(version: Version, features: list[str], layers: dict[str, str] | None = None) -> bool:
+    """Whether a version has all these features; multichannel files are looked into."""
+    alone = [f for f in features if f in version.files or f == "sh1"]
+    rest = [f for f in features if f not in alone]
+    if "*" not in version.files or not rest:
+        return not version.missing(features)
+    channels = read_exr_channels(version.files["*"])
+    return all(find_channels(f, channels, (layers or {}).get(f)) for f in rest)
+
+
 def load(version: Version, features: list[str],
          layers: dict[str, str] | None = None) -> dict[str, np.ndarray]:
     """Features of a version by name, cleaned; all of one size."""

@@ -75,10 +75,18 @@ def worker(settings: Settings, team: parallel.Team) -> None:
         bar.end(f"{len(rows)} steps")
         path = Path(settings.results_dir) / f"{settings.result}.csv"
         save(path, rows)
-        finite = [r for r in rows if math.isfinite(r[1])]
-        lowest = min(finite, key=lambda r: r[1])[0] if finite else math.nan
         print(f"Saved: {path}")
-        print(f"Lowest smoothed loss at lr={lowest:.3g}; try --max_lr {lowest / 3:.2g}")
+        print(advice(rows))
+
+
+def advice(rows: list[tuple[float, float, float]]) -> str:
+    """What a sweep says: rows of rate, smoothed loss and loss."""
+    finite = [r for r in rows if math.isfinite(r[1])]
+    lowest = min(finite, key=lambda r: r[1])[0] if finite else math.nan
+    if not finite or lowest in (finite[0][0], finite[-1][0]):
+        return (f"The smoothed loss has no minimum within {rows[0][0]:g} to {rows[-1][0]:g}: "
+                "more steps (--num_steps) or another range will tell")
+    return f"Lowest smoothed loss at lr={lowest:.3g}; try --max_lr {lowest / 3:.2g}"
 
 
 def save(path: Path, rows: list[tuple[float, float, float]]) -> None:

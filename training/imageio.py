@@ -178,8 +178,11 @@ def write_exr(path: Path, image: np.ndarray, names: tuple[str, ...] | None = Non
         names = {1: ("Y",), 2: ("R", "G"), 3: ("R", "G", "B")}.get(image.shape[-1], ())
     channels = {n: np.ascontiguousarray(image[..., i]) for i, n in enumerate(names)}
     header = {"compression": exr.PIZ_COMPRESSION, "type": exr.scanlineimage}
-    with exr.File(header, channels) as f:
-        f.write(str(path))
+    try:
+        with exr.File(header, channels) as f:
+            f.write(str(path))
+    except RuntimeError as e:  # what OpenEXR makes of a full disk
+        raise OSError(str(e).splitlines()[0]) from e
 
 
 def write_pfm(path: Path, image: np.ndarray) -> None:
@@ -196,7 +199,7 @@ def write_hdr(path: Path, image: np.ndarray) -> None:
     """Radiance RGBE, flat."""
     image = np.maximum(_rgb(image), 0.0)
     peak = image.max(-1)
-    exponent = np.where(peak > 1e-32, np.frexp(np.maximum(peak, 1e-38))[1], -128)
+    exponent = np.where(peak > 1e-32, np.frexp(peak)[1], 0)
     mantissa = image * np.ldexp(np.float32(256), -exponent)[..., None]
     rgbe = np.concatenate([np.clip(np.rint(mantissa), 0, 255), exponent[..., None] + 128], -1)
     rgbe[peak <= 1e-32] = 0

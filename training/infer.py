@@ -120,7 +120,7 @@ def infer_group(group: Group, denoiser: Denoiser, settings: Settings, root: Path
                 raise ToolError(f"{version.name}: the input and target images have different sizes",
                                 DATA)
             shown = [metrics.to_display(i, main_feature, exposure) for i in (output, target)]
-            values = metrics.measure(shown[0], shown[1], settings.metric)
+            values = metrics.measure(*shown, settings.metric, version.name)
         save(folder / f"{version.name}.{suffix}", output, main_feature, settings.format, exposure)
         if settings.save_all:
             save(folder / version.name, images[main_feature], main_feature, settings.format,
@@ -141,7 +141,7 @@ def save(stem: Path, image: np.ndarray, feature: str, formats: list[str], exposu
 
 def _save(path: Path, image: np.ndarray, feature: str, exposure: float) -> None:
     linear = path.suffix[1:].lower() in LINEAR_FORMATS
-    write_image(path, image if linear else metrics.to_display(image, feature, exposure))
+    write_image(path, image if linear else metrics.to_codes(image, feature, exposure))
 
 
 def read_metadata(root: Path, group: str) -> tuple[float, Path | None]:

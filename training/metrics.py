@@ -7,7 +7,7 @@ import numpy as np
 import torch
 
 from training import color
-from training.errors import DEPENDENCY, ToolError
+from training.errors import DATA, DEPENDENCY, ToolError
 from training.loss import msssim_value, ssim_value
 from training.scan import MAIN_FEATURES
 
@@ -67,9 +67,20 @@ def flip(a: np.ndarray, b: np.ndarray) -> float:
 METRICS = {"psnr": psnr, "mse": mse, "ssim": ssim, "msssim": msssim, "flip": flip}
 
 
-def measure(image: np.ndarray, reference: np.ndarray, names: list[str]) -> dict[str, float]:
-    """Metrics by name of two display images of one size."""
+def measure(image: np.ndarray, reference: np.ndarray, names: list[str],
+            what: str = "image") -> dict[str, float]:
+    """Metrics by name of two display images of one size; `what`: the image's name in errors."""
+    for name, values in ((what, image), (f"reference of {what}", reference)):
+        if bad := int(np.isnan(values).sum()):
+            raise ToolError(f"{name}: {bad} values are no numbers", DATA)
     return {n: METRICS[n](image, reference) for n in names}
+
+
+def to_codes(image: np.ndarray, feature: str, exposure: float = 1.0) -> np.ndarray:
+    """What a PNG of a feature holds, in [0,1]: what a viewer sees, but of normals n/2 + 1/2."""
+    if feature == "nrm":
+        return np.clip(np.asarray(image, np.float32) * 0.5 + 0.5, 0.0, 1.0)
+    return to_display(image, feature, exposure)
 
 
 def is_color(feature: str) -> bool:

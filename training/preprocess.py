@@ -97,7 +97,7 @@ def _write(settings: Settings, groups: list, work: Path, prefilters: list[Prefil
         for i, group in enumerate(groups):
             try:
                 picture = load_group(group, settings.features, settings.main_feature,
-                                     settings.transfer, settings.clean_aux, settings.layers)
+                                     settings.transfer, settings.clean_aux, settings.layers, print)
             except ToolError as e:
                 print(f"left out {group.name}: {e}")
                 continue

@@ -58,14 +58,12 @@ class Result:
             tmp.write_text(json.dumps(settings.to_dict(), indent=2) + "\n")
 
     def save(self, epoch: int, state: dict[str, Any]) -> None:
-        with replacing(self.checkpoints / f"checkpoint_{epoch}.pth") as tmp:
-            torch.save({"epoch": epoch, **state}, tmp)
+        _save(self.checkpoints / f"checkpoint_{epoch}.pth", epoch, state)
         with replacing(self.checkpoints / "latest") as tmp:
             tmp.write_text(f"{epoch}\n")
 
     def save_best(self, epoch: int, state: dict[str, Any]) -> None:
-        with replacing(self.checkpoints / "best.pth") as tmp:
-            torch.save({"epoch": epoch, **state}, tmp)
+        _save(self.checkpoints / "best.pth", epoch, state)
 
     def latest_epoch(self) -> int:
         self.require()
@@ -92,6 +90,14 @@ class Result:
         if not best and state["epoch"] != epoch:
             raise ToolError(f"{path}: checkpoint epoch mismatch ({state['epoch']})", STATE)
         return state
+
+
+def _save(path: Path, epoch: int, state: dict[str, Any]) -> None:
+    with replacing(path) as tmp:
+        try:
+            torch.save({"epoch": epoch, **state}, tmp)
+        except RuntimeError as e:  # what PyTorch makes of a full disk
+            raise OSError(str(e).splitlines()[0]) from e
 
 
 def load_model(result: Result, epoch: int | None = None, best: bool = False,

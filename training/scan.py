@@ -154,3 +154,13 @@ def scan(root: Path, features: list[str], target_features: list[str] | None = No
         else:
             groups.append(Group(name, inputs, target))
     return Scan(root, groups, left_out)
+
+
+def hold_out(groups: list[Group], count: int) -> tuple[list[Group], list[Group]]:
+    """(training, validation): `count` groups spread evenly over the list are held out, but no more
+    than half of them."""
+    count = min(count, len(groups) // 2)
+    chosen = {round((i + 0.5) * len(groups) / count) for i in range(count)} if count > 0 else set()
+    chosen = {min(i, len(groups) - 1) for i in chosen}
+    return ([g for i, g in enumerate(groups) if i not in chosen],
+            [g for i, g in enumerate(groups) if i in chosen])

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import os
 import re
 import socket
@@ -112,8 +113,12 @@ def read_config(path: Path, rows: dict[str, Option]) -> dict[str, Any]:
     if unknown:
         raise ToolError(f"{path}: unknown settings: {', '.join(unknown)}", USAGE)
     for key, value in loaded.items():
+        wanted = rows[key].kind.get("type")
         choices = rows[key].kind.get("choices")
         for v in value if isinstance(value, list) else [value]:
+            if wanted in (int, float) and v is not None and (
+                    isinstance(v, bool) or not isinstance(v, (int, wanted))):
+                raise ToolError(f"{path}: {key}: {v!r} is not a number", USAGE)
             if choices and v is not None and v not in choices:
                 raise ToolError(f"{path}: {key}: '{v}' is not one of {', '.join(choices)}", USAGE)
     return loaded
@@ -172,6 +177,8 @@ def derive(script: str, v: dict[str, Any]) -> dict[str, Any]:
         v["time_budget"] = seconds(v["time_budget"])
     if v.get("clean_aux") and v.get("aux_results"):
         raise ToolError("--clean_aux and --aux_results exclude each other", USAGE)
+    if v.get("best") and v.get("num_epochs"):
+        raise ToolError("--best and --num_epochs exclude each other", USAGE)
     if "transfer" in v and v["transfer"] is None:
         lightmap = v.get("filter") == "RTLightmap"
         v["transfer"] = {"hdr": "log" if lightmap else "pu", "ldr": "srgb", "alb": "srgb",
@@ -232,6 +239,9 @@ def _derive_rates(v: dict[str, Any]) -> None:
         v["max_learning_rate"] = rate * v["batch_size"]
     if v["learning_rate"] is None:
         v["learning_rate"] = v["max_learning_rate"] / 25
+    for key in ("max_learning_rate", "learning_rate"):
+        if not 0 < v[key] < math.inf:
+            raise ToolError(f"--{key}: {v[key]:g} is not a positive number", USAGE)
     if not 0 <= v["learning_rate_warmup"] < 1:
         raise ToolError("--learning_rate_warmup: not in [0,1)", USAGE)
     if v["num_epochs"] < 1:

@@ -31,14 +31,14 @@ import torch
 from training import errors, parallel
 from training.augment import Augment
 from training.console import Bar, duration
-from training.data import Alternating, Batches, Picture, from_raw, hold_out
+from training.data import Alternating, Batches, Picture, from_raw
 from training.dead import REVIVED_UNTIL, Channels, report, revive
 from training.errors import DATA, INTERRUPTED, STATE, ToolError
 from training.integer_stage import quantize_aware
 from training.loss import balance, loss_of_settings
 from training.optimizer import Optimizer
 from training.result import Result, load_tensors, make_model, weights_of
-from training.scan import scan
+from training.scan import hold_out, scan
 from training.schedule import Plan, one_cycle
 from training.settings import Settings, parse, unique_id
 from training.store import find_stored, read_pictures
@@ -280,6 +280,8 @@ def open_data(settings: Settings, say) -> tuple[list[Picture], list[Picture]]:
                 for n in (settings.train_data, settings.get("valid_data"))]
     if settings.get("hold_out"):
         sets[0], held = hold_out(sets[0], settings.hold_out)
+        if len(held) < settings.hold_out:
+            say(f"--hold_out {settings.hold_out}: only {len(held)} of so few are held out")
         sets[1] += held
     return sets[0], sets[1]
 

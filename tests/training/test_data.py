@@ -69,10 +69,28 @@ def test_png_inputs_for_ldr(tmp_path):
 
 
 def test_sizes_must_agree(tmp_path):
+    """What has another size is left out and named; a group is not, while it has others."""
     make_raw(tmp_path, 1, spp=(4,))
     write_features(tmp_path / "scene0", "view0_8", picture(0, 32, 64))
+    group, said = scan(tmp_path, ["hdr"]).groups[0], []
+    assert len(load_group(group, ["hdr"], "hdr", "pu", log=said.append).inputs) == 1
+    assert len(said) == 1 and "64x32 pixels, its reference has 64x48" in said[0]
+    group.inputs = [v for v in group.inputs if v.spp == 8]
     with pytest.raises(ToolError, match="64x32 pixels, its reference has 64x48"):
-        load_group(scan(tmp_path, ["hdr"]).groups[0], ["hdr"], "hdr", "pu")
+        load_group(group, ["hdr"], "hdr", "pu")
+
+
+def test_references_of_layers_need_no_features(tmp_path):
+    """As those of single files: only the inputs have to have albedo and normals."""
+    images = picture(0, 32, 48)
+    for name, kept in ("v_4", ("hdr", "alb", "nrm")), ("v_ref", ("hdr",)):
+        channels = {f"{prefix}{c}": images[f][..., i] for f, prefix in
+                    (("hdr", ""), ("alb", "albedo."), ("nrm", "normal.")) if f in kept
+                    for i, c in enumerate("RGB")}
+        write_exr(tmp_path / f"{name}.exr", np.stack(list(channels.values()), -1), tuple(channels))
+    group = scan(tmp_path, F).groups[0]
+    loaded = load_group(group, F, "hdr", "pu")
+    assert loaded.inputs[0].shape[-1] == 9 and loaded.target.shape[-1] == 3
 
 
 def test_preprocessed_set(raw, work, capsys):
@@ -138,9 +156,9 @@ def test_preprocess_leaves_nothing_half_written(tmp_path, work, fails):
     make_raw(tmp_path / "data" / "train", 2)
     broken = tmp_path / "data" / "train" / "scene0" / "view0_0004spp.hdr.exr"
     broken.write_bytes(broken.read_bytes()[:300])
-    preprocess.main(["hdr", "-D", "data", "-t", "train"])  # the other group is there
+    preprocess.main(["hdr", "-D", "data", "-t", "train"])  # the others are there
     (folder,) = Path("preproc").iterdir()
-    assert len(json.loads((folder / "samples.json").read_text())) == 2
+    assert len(json.loads((folder / "samples.json").read_text())) == 3
     code, message = fails(preprocess.main, ["hdr", "-D", "data", "-t", "nothing"])
     assert code == 3 and "no data set found" in message
     (work / "file").touch()

@@ -132,6 +132,8 @@ def test_missing_feature(data, fails, capsys):
 def test_two_sizes_in_a_group(data, fails, capsys):
     shutil.rmtree(data / "scene1")
     write_features(data / "scene0", "view0_0001spp", picture(0, 32, 64))
+    for path in (data / "scene0").glob("view0_0004spp*"):
+        path.unlink()
     code, message = fails(preprocess.main, [*FEATURES, "-t", "train"])
     assert code == 3 and nothing_written()
     assert "view0_0001spp: 64x32 pixels, its reference has 64x48" in capsys.readouterr().out

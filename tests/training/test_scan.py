@@ -7,9 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from training import doctor
-from training.data import hold_out
 from training.imageio import write_image
-from training.scan import Version, list_versions, scan
+from training.scan import hold_out, list_versions, scan, Version
 
 
 def touch(root, *names):
@@ -83,6 +82,8 @@ def test_hold_out_is_spread():
     train, valid = hold_out(list(range(100)), 4)
     assert valid == [12, 38, 62, 88] and len(train) == 96
     assert hold_out([1], 3) == ([1], [])
+    assert [len(s) for s in hold_out(list(range(4)), 12)] == [2, 2]  # not nearly all of a few
+    assert [len(s) for s in hold_out(list(range(13)), 12)] == [7, 6]
 
 
 def breakage(kind, images):

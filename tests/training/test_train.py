@@ -1,6 +1,7 @@
 """Training: learning, resuming, data parallel runs, budgets, and what goes wrong."""
 
 import json
+import math
 import os
 import re
 import socket
@@ -275,8 +276,16 @@ def test_find_lr(raw, work, fails, capsys):
     rates = [float(row.split(",")[0]) for row in lines[1:]]
     assert rates[0] == pytest.approx(1e-5) and 2 <= len(rates) <= 30
     assert rates[1] / rates[0] == pytest.approx(1e4 ** (1 / 29), rel=1e-6)
-    assert "try --max_lr" in capsys.readouterr().out
+    assert "smoothed loss" in capsys.readouterr().out.splitlines()[-1]
     assert fails(find_lr.main, [*args, "--num_steps", "1"])[0] == 2
+
+
+def test_advice_of_a_sweep():
+    """A third of the rate at the lowest loss; none where it falls or rises all the way."""
+    rows = [(rate, loss, loss) for rate, loss in ((1e-4, 3.0), (3e-4, 2.0), (1e-3, 2.5))]
+    assert "lr=0.0003; try --max_lr 0.0001" in find_lr.advice(rows)
+    for part in rows[:2], rows[1:], [(1e-4, math.nan, math.nan)]:
+        assert "no minimum" in find_lr.advice(part)
 
 
 def test_depth_lightmap_and_single_aux_trainings(raw, work):
@@ -311,5 +320,5 @@ def test_no_image_is_left_out_silently(work, capsys):
     train.main([*RAW, "-D", "d", "-e", "1", "-r", "a"])
     out = capsys.readouterr().out
     assert "left out: 1 x lacks nrm (e.g. scene0/view0_0001spp)" in out
-    assert re.search(r"left out scene1/view1: .*view1_0001spp.hdr.exr: cannot read", out)
-    assert "Training images: 1\n" in out
+    assert re.search(r"left out scene1/view1_0001spp: .*view1_0001spp.hdr.exr: cannot read", out)
+    assert "Training images: 2\n" in out

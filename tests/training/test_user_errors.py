@@ -1,0 +1,123 @@
+"""What users get wrong, and what their files hold: one line that names it, or the right thing."""
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from export import export
+from tests.training.test_kernel_train import RAW, TINY
+from tests.training.tools import make_raw, picture, write_features
+from training import color, compare_image, convert_image, evaluate, infer, nets, train
+from training.features import load
+from training.imageio import read_image, write_image
+from training.scan import scan
+from export.tza import write_weights
+
+
+def test_images_with_nan_are_not_compared(work, fails):
+    image = picture(0)["hdr"]
+    write_image(Path("a.hdr.pfm"), image)
+    image[3, 4, 1] = np.nan
+    write_image(Path("b.hdr.pfm"), image)
+    for names in (["a.hdr.pfm", "b.hdr.pfm"], ["b.hdr.pfm", "a.hdr.pfm"]):
+        code, message = fails(compare_image.main, names)
+        assert code == 3 and message == "b.hdr.pfm: 1 values are no numbers"
+
+
+@pytest.mark.parametrize("value", [np.inf, 1e20, 3e38])
+def test_the_brightest_values_are_white(work, capsys, value):
+    image = picture(0)["hdr"]
+    write_image(Path("a.hdr.pfm"), image)
+    image[3, 4] = value
+    write_image(Path("b.hdr.pfm"), image)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert (color.display(image)[3, 4] > 0.999).all()
+        compare_image.main(["a.hdr.pfm", "b.hdr.pfm", "-M", "psnr", "ssim"])
+    psnr = float(capsys.readouterr().out.split()[2].rstrip(","))
+    assert 20 < psnr < 60
+
+
+def test_a_measurement_of_nothing_is_an_error(work, fails):
+    write_weights("a.tza", {k: v.numpy() for k, v in nets.build("w8", 3).state_dict().items()})
+    write_features(Path("pictures"), "p_4", {"hdr": picture(0)["hdr"]})
+    write_features(Path("pictures"), "p_ref", {"hdr": picture(0)["hdr"]})
+    images = ["--images", "pictures", "--no_oidn"]
+    for arguments, code, text in (
+            (["a.tza=hdr"], 2, "--images"), (["a.tza", *images], 2, "a.tza=hdr,alb,nrm"),
+            (["a.tza=hdr,alb", *images], 2, "input channels"),
+            (["b.tza=hdr", *images], 3, "b.tza: cannot read")):
+        got, message = fails(evaluate.main, arguments)
+        assert got == code and text in message, arguments
+    Path("b.tza").write_bytes(Path("a.tza").read_bytes()[:100])
+    got, message = fails(evaluate.main, ["b.tza=hdr", *images])
+    assert got == 4 and "b.tza" in message
+
+
+def test_normals_of_pngs_are_those_of_data_sets(work):
+    images = picture(0)
+    write_features(Path("d"), "p_4", {"hdr": images["hdr"]})
+    write_features(Path("n"), "x", {"nrm": images["nrm"]})
+    convert_image.main(["n/x.nrm.exr", "d/p_4.nrm.png"])
+    write_features(Path("d"), "p_ref", {"hdr": images["hdr"]})
+    loaded = load(scan(Path("d"), ["hdr", "nrm"], ["hdr"]).groups[0].inputs[0], ["nrm"])["nrm"]
+    assert np.abs(loaded - np.clip(images["nrm"], -1, 1)).max() < 0.01
+
+
+def test_black_is_written_to_radiance_files_without_warnings(work):
+    image = picture(0)["hdr"]
+    image[:4] = 0
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        write_image(Path("a.hdr"), image)
+    assert (read_image(Path("a.hdr"))[:4] == 0).all()
+
+
+@pytest.mark.parametrize("arguments, text", [
+    (["--lr", "nan"], "learning_rate"), (["--max_lr", "-1"], "max_learning_rate"),
+    (["--max_lr", "inf"], "max_learning_rate"), (["-c", "c.json"], "batch_size: 'four'")])
+def test_numbers_that_are_none(work, fails, arguments, text):
+    Path("c.json").write_text(json.dumps({"batch_size": "four"}))
+    code, message = fails(train.main, [*RAW, "-D", "d", *arguments])
+    assert code == 2 and text in message
+
+
+def test_an_epoch_or_the_best(work, fails):
+    for main in (export.main, infer.main):
+        code, message = fails(main, ["-r", "a", "-e", "1", "--best"])
+        assert code == 2 and "--best" in message
+
+
+def test_export_says_how_family_k_runs(work, capsys):
+    make_raw(work / "d" / "train", 2)
+    train.main([*RAW, "-D", "d", "-e", "1", "-r", "a"])
+    export.main(["-r", "a", "-o", "a.tza"])
+    assert "--int8" in capsys.readouterr().out and TINY
+
+
+def test_termination_saves_like_an_interrupt(work):
+    """As batch systems send it."""
+    make_raw(work / "d" / "train", 2)
+    command = [sys.executable, "-m", "training.train", *RAW, "-D", "d", "-e", "100000", "-r", "a",
+               "--save_epochs", "0"]
+    environment = os.environ | {"PYTHONPATH": str(nets.ROOT)}
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+                          env=environment) as process:
+        for _ in range(600):
+            time.sleep(0.1)
+            if list(work.glob("results/a/log/*")):
+                break
+        time.sleep(2)
+        process.send_signal(signal.SIGTERM)
+        _, err = process.communicate(timeout=60)
+    assert process.returncode == 130 and "the same command resumes" in err
+    assert (work / "results/a/checkpoints/latest").exists()
