@@ -1,7 +1,6 @@
 /* Running a committed filter: what is queued, and what the queue's thread then does. */
+#include "../lib/pack.h" /* first: Windows defines near and far */
 #include "internal.h"
-
-#include "../lib/pack.h"
 
 #include <math.h>
 #include <string.h>
