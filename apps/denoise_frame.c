@@ -95,8 +95,11 @@ static exit_code device_error(const frame_job *job, int is_commit)
     if (error == OIDN_ERROR_CANCELLED)
         return EXIT_INTERRUPTED;
     if (is_commit && job->settings->weights && error != OIDN_ERROR_OUT_OF_MEMORY)
-        return report_error(EXIT_INPUT, "cannot use the weights '%s': %s", job->settings->weights,
-                            text);
+        return report_error(EXIT_INPUT, "cannot use the weights '%s': %s%s",
+                            job->settings->weights, text,
+                            job->inputs.is_found[IMAGE_ALBEDO] || job->inputs.is_found[IMAGE_NORMAL]
+                                ? " (--no_aux leaves out what was found in the colour's file)"
+                                : "");
     return report_error(EXIT_DENOISE, "%s: %s", job->inputs.paths[job->inputs.main], text);
 }
 

@@ -32,8 +32,10 @@ def main(argv: list[str]) -> None:
     args = parser.parse_args(argv)
     try:
         model = kernel.load(args.input)
-    except (ValueError, OSError) as e:
-        raise errors.ToolError(f"{args.input}: {e}", errors.STATE) from e
+    except OSError as e:
+        raise errors.ToolError(f"{args.input}: cannot read ({e.strerror})", errors.DATA) from e
+    except ValueError as e:
+        raise errors.ToolError(str(e), errors.STATE) from e
     model.bilateral = (0 if args.off else kernel.SMOOTH if args.smooth else
                        kernel.SMOOTH_AND_CORRECT if args.correct else kernel.ALL_STEPS)
     write_tensors(args.output, tensors_of(model))

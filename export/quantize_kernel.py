@@ -7,7 +7,6 @@ features or fewer, fix the ranges of the activations.
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -21,7 +20,8 @@ from export.quantize import write_tensors
 from export.quantizer import SCALE_MAX, Options, Quantizer
 from export.reference import NARROW_MAX
 from export.tza import Reader
-from training.errors import ToolError
+from training import errors
+from training.errors import DATA, STATE, ToolError
 
 
 # Most layers lose far less in words (docs/quantisation.md). Some of the coarsest levels, where a
@@ -148,8 +148,9 @@ def quantized(args: argparse.Namespace) -> kernel.IntTrunk:
     return made
 
 
-def main(argv: list[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(prog="quantize_kernel", description=__doc__.split("\n")[0])
+def main(argv: list[str]) -> None:
+    parser = argparse.ArgumentParser(prog="python -m export.quantize_kernel",
+                                     description="Quantises a model of family K.")
     parser.add_argument("input", type=Path)
     parser.add_argument("output", type=Path)
     parser.add_argument("--data", type=Path, required=True, help="calibration images")
@@ -161,13 +162,12 @@ def main(argv: list[str] | None = None) -> int:
                         "for sums in words (%(default)g; 0: no such sums)")
     args = parser.parse_args(argv)
     try:
-        made = quantized(args)
-        write_tensors(args.output, tensors_of(made))
-    except (ValueError, OSError, ToolError) as e:
-        print(f"quantize_kernel: {e}", file=sys.stderr)
-        return 2
-    return 0
+        write_tensors(args.output, tensors_of(quantized(args)))
+    except OSError as e:
+        raise ToolError(f"{e.filename or args.input}: cannot read ({e.strerror})", DATA) from e
+    except ValueError as e:
+        raise ToolError(str(e), STATE) from e
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    errors.run(main)

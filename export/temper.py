@@ -51,8 +51,10 @@ def main(argv: list[str]) -> None:
     try:
         model = kernel.load(args.input)
         made = tempered(model, args.radiance, args.confidence, args.blend)
-    except (ValueError, OSError) as e:
-        raise errors.ToolError(f"{args.input}: {e}", errors.STATE) from e
+    except OSError as e:
+        raise errors.ToolError(f"{args.input}: cannot read ({e.strerror})", errors.DATA) from e
+    except ValueError as e:
+        raise errors.ToolError(str(e), errors.STATE) from e
     write_tensors(args.output, tensors_of(made))
 
 

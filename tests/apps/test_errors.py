@@ -227,6 +227,7 @@ def test_weights_for_other_inputs(denoise, identity, work):
     t.write_pfm(work / "in.pfm", t.noise(H, W))
     done = denoise("--hdr", "in.pfm", "-w", identity[9])
     assert done.code == 2 and "identity9.tza" in done.error
+    assert "take 9 channels, the images have 3" in done.error and "no_aux" not in done.error
 
 
 # ---- Outputs -------------------------------------------------------------------------------------

@@ -249,7 +249,7 @@ def test_find_lr(raw, work, capsys):
     assert "smoothed loss" in capsys.readouterr().out.splitlines()[-1]
 
 
-def test_weights_of_elsewhere(raw, work, capsys):
+def test_weights_of_elsewhere(raw, work, fails, capsys):
     """A state dict (.pt), an fp16 file and an integer one: start a training; the former are
     quantised and evaluated."""
     torch.manual_seed(5)
@@ -261,8 +261,8 @@ def test_weights_of_elsewhere(raw, work, capsys):
                     "1e-9"])
         bias = state(source)["model_state"]["head0.bias"]
         assert torch.allclose(bias, net.head0.bias, atol=5e-3)
-        assert quantize_kernel.main([source, f"{source}.int8.tza", "--data",
-                                     str(raw / "train"), "--count", "2"]) == 0
+        quantize_kernel.main([source, f"{source}.int8.tza", "--data", str(raw / "train"),
+                              "--count", "2"])
     assert Path("k.pt.int8.tza").read_bytes() == Path("k.tza.int8.tza").read_bytes()
     train.main([*RAW, "-D", str(raw), "-e", "1", "-r", "i", "--init", "k.tza.int8.tza", "--max_lr",
                 "1e-9"])
@@ -270,14 +270,16 @@ def test_weights_of_elsewhere(raw, work, capsys):
     export.main(["-r", "k.pt", "-o", "again.tza"])
     assert Path("again.tza").read_bytes() == Path("k.tza").read_bytes()
     Path("bad.pt").write_bytes(b"x")
-    assert quantize_kernel.main(["bad.pt", "x.tza", "--data", str(raw / "train")]) == 2
-    assert quantize_kernel.main(["k.tza", "k.pt/x.tza", "--data", str(raw / "train"), "--count",
-                                 "1"]) == 2  # the output's folder is a file
+    data = ["--data", str(raw / "train"), "--count", "1"]
+    for arguments, code in ((["bad.pt", "x.tza"], 4), (["none.tza", "x.tza"], 3),
+                            (["k.tza", "k.pt/x.tza"], 5)):  # the output's folder is a file
+        assert fails(quantize_kernel.main, [*arguments, *data])[0] == code
+    assert fails(quantize_kernel.main, ["k.tza", "x.tza", "--data", "nothing"])[0] == 3
     wild = {k: v * (1e4 if k in ("enc4b.weight", "head4.weight") else 1)
             for k, v in net.state_dict().items()}
     torch.save(wild, "wild.pt")
-    assert quantize_kernel.main(["wild.pt", "x.tza", "--data", str(raw / "train")]) == 2
-    assert "head4: the logits are too large" in capsys.readouterr().err
+    code, message = fails(quantize_kernel.main, ["wild.pt", "x.tza", *data])
+    assert code == 4 and "head4: the logits are too large" in message
     assert not Path("x.tza").exists()  # it was written, and the library refused it
     evaluate.main(["k.tza=hdr,alb", "--images", str(raw / "valid"), "--no_oidn", "--metric",
                    "psnr"])

