@@ -9,6 +9,8 @@
 #define LEAST_CELLS 1000u /* as many at least, where the frame has them */
 #define ROWS 16u          /* of pixels, for each partial result */
 
+typedef char calm_rows_fit[sizeof(lull_calm_row) <= sizeof(lull_exposure_row) ? 1 : -1];
+
 static unsigned cells_along(unsigned size, unsigned step)
 {
     return size > SIDE ? (size - SIDE - 1) / step + 1 : 0;
