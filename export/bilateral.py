@@ -30,12 +30,8 @@ def main(argv: list[str]) -> None:
                        help="without regression and correction (steps 7 and 8)")
     which.add_argument("--off", action="store_true", help="no longer")
     args = parser.parse_args(argv)
-    try:
+    with errors.reading(args.input):
         model = kernel.load(args.input)
-    except OSError as e:
-        raise errors.ToolError(f"{args.input}: cannot read ({e.strerror})", errors.DATA) from e
-    except ValueError as e:
-        raise errors.ToolError(str(e), errors.STATE) from e
     model.bilateral = (0 if args.off else kernel.SMOOTH if args.smooth else
                        kernel.SMOOTH_AND_CORRECT if args.correct else kernel.ALL_STEPS)
     write_tensors(args.output, tensors_of(model))

@@ -21,7 +21,6 @@ from export.quantizer import SCALE_MAX, Options, Quantizer
 from export.reference import NARROW_MAX
 from export.tza import Reader
 from training import errors
-from training.errors import DATA, STATE, ToolError
 
 
 # Most layers lose far less in words (docs/quantisation.md). Some of the coarsest levels, where a
@@ -161,12 +160,8 @@ def main(argv: list[str]) -> None:
                         "error of codes, in that of their own rounding, that a layer may have more "
                         "for sums in words (%(default)g; 0: no such sums)")
     args = parser.parse_args(argv)
-    try:
+    with errors.reading(args.input):
         write_tensors(args.output, tensors_of(quantized(args)))
-    except OSError as e:
-        raise ToolError(f"{e.filename or args.input}: cannot read ({e.strerror})", DATA) from e
-    except ValueError as e:
-        raise ToolError(str(e), STATE) from e
 
 
 if __name__ == "__main__":

@@ -48,13 +48,9 @@ def main(argv: list[str]) -> None:
             raise errors.ToolError(f"--{name} must be above 0 and at most 4", errors.USAGE)
     if not abs(args.blend) <= 8:
         raise errors.ToolError("--blend must be between -8 and 8", errors.USAGE)
-    try:
+    with errors.reading(args.input):
         model = kernel.load(args.input)
         made = tempered(model, args.radiance, args.confidence, args.blend)
-    except OSError as e:
-        raise errors.ToolError(f"{args.input}: cannot read ({e.strerror})", errors.DATA) from e
-    except ValueError as e:
-        raise errors.ToolError(str(e), errors.STATE) from e
     write_tensors(args.output, tensors_of(made))
 
 

@@ -9,6 +9,14 @@
 #define LEAST_CELLS 1000u /* as many at least, where the frame has them */
 #define ROWS 16u          /* of pixels, for each partial result */
 
+/* Detail: noise codes of half the sum of second differences, relative to the light and 0.02 in
+ * each channel of a pixel. A cell with less than the least tells nothing; one with the most is not
+ * calm. */
+#define DETAIL_GAIN 192.0f
+#define DETAIL_EPSILON 0.96f
+#define LEAST_DETAIL 1.0f
+#define MOST_DETAIL 10.0f
+
 typedef char calm_rows_fit[sizeof(lull_calm_row) <= sizeof(lull_exposure_row) ? 1 : -1];
 
 static unsigned cells_along(unsigned size, unsigned step)
@@ -30,12 +38,12 @@ static unsigned spacing(const lull_frame *frame)
  * channels. */
 static void add_cell(lull_calm_row *row, float detail, float light)
 {
-    detail *= LULL_DETAIL_GAIN;
-    light += LULL_DETAIL_EPSILON;
-    if (detail < light * LULL_LEAST_DETAIL)
+    detail *= DETAIL_GAIN;
+    light += DETAIL_EPSILON;
+    if (detail < light * LEAST_DETAIL)
         return; /* sky, lamps, what is clipped: they say nothing */
     row->cells++;
-    row->calm += detail < light * LULL_MOST_DETAIL;
+    row->calm += detail < light * MOST_DETAIL;
 }
 
 /* The cell at pixel (x, y). */

@@ -360,13 +360,6 @@ LULL_INLINE float lull_cell_gain(const float *near, const float *far)
 #define LULL_SHARE_PER_CODE 0.125f
 #define LULL_SHARE_PER_CODE_ALONE 0.0625f
 
-/* Calm cells of 4x4 pixels: noise codes of half the sum of second differences, relative to the
- * light and 0.02 in each channel of a pixel. */
-#define LULL_DETAIL_GAIN 192.0f
-#define LULL_DETAIL_EPSILON 0.96f
-#define LULL_LEAST_DETAIL 1.0f
-#define LULL_MOST_DETAIL 10.0f
-
 /* In a calm frame there is little noise anywhere, so that a noise code counts less, and alone the
  * share may be larger. */
 typedef struct lull_mixing {

@@ -13,8 +13,6 @@ if __name__ == "__main__" and not __package__:  # run as a file: go on as a modu
 
 from pathlib import Path
 
-import numpy as np
-
 from training import errors, metrics
 from training.convert_image import load_as
 from training.errors import DATA, USAGE, ToolError
@@ -33,8 +31,7 @@ def main(argv: list[str]) -> None:
     if a.shape[2] != b.shape[2]:
         raise ToolError(f"the images have {a.shape[2]} and {b.shape[2]} channels", DATA)
     for path, image in zip(settings.images, (a, b), strict=True):
-        if bad := int(np.isnan(image).sum()):
-            raise ToolError(f"{path}: {bad} values are no numbers", DATA)
+        metrics.require_numbers(image, path)
     shown = [metrics.to_display(i, feature, settings.exposure) for i in (a, b)]
     values = metrics.measure(shown[0], shown[1], settings.metric)
     print(", ".join(f"{k} = {v:.4f}" for k, v in values.items()))

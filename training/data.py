@@ -70,8 +70,7 @@ def from_raw(found: Scan, features: list[str], main: str, transfer: str, clean_a
     pictures = []
     for group in found.groups:
         try:
-            pictures.append(load_group(group, features, main, transfer, clean_aux, layers,
-                                       log))
+            pictures.append(load_group(group, features, main, transfer, clean_aux, layers, log))
         except ToolError as e:
             if log:
                 log(f"left out {group.name}: {e}")
@@ -84,8 +83,10 @@ def load_group(group: Group, features: list[str], main: str, transfer: str,
     """One group exposed by its reference; the target keeps its aux features if it has them. Inputs
     that cannot be read are reported through `log` and left out, unless all are."""
     assert group.target is not None
-    with_aux = clean_aux or holds(group.target, features, layers)
-    target = load(group.target, features if with_aux else [main], layers)
+    opened: dict = {}
+    with_aux = clean_aux or holds(group.target, features, layers, opened)
+    target = load(group.target, features if with_aux else [main], layers, opened)
+    opened.clear()
     size = target[main].shape[:2]
     exposure = color.autoexposure(target[main]) if main == "hdr" else 1.0
 

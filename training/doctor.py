@@ -95,9 +95,9 @@ def check_group(group: Group, features: list[str], layers: dict[str, str]) -> It
     main = features[0]
     target, size = None, None
     for version in [v for v in (group.target, *group.inputs) if v]:
-        wanted = features if holds(version, features, layers) else [main]
+        opened: dict = {}
+        wanted = features if holds(version, features, layers, opened) else [main]
         try:
-            opened: dict = {}
             raw = {f: load_raw(version, f, layers, opened) for f in wanted}
         except ToolError as e:
             yield str(e)

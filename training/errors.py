@@ -4,7 +4,9 @@ from __future__ import annotations
 import signal
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
 
 USAGE, DATA, STATE, OUTPUT, DEPENDENCY = 2, 3, 4, 5, 6
 INTERRUPTED = 130
@@ -20,6 +22,18 @@ class ToolError(Exception):
     def __init__(self, message: str, code: int = DATA):
         super().__init__(message)
         self.code = code
+
+
+@contextmanager
+def reading(path: Path) -> Iterator[None]:
+    """ToolErrors of what fails inside: files (`path`, unless the failure names one) that cannot
+    be read, and what they hold that does not fit (ValueError)."""
+    try:
+        yield
+    except OSError as e:
+        raise ToolError(f"{e.filename or path}: cannot read ({e.strerror})", DATA) from e
+    except ValueError as e:
+        raise ToolError(str(e), STATE) from e
 
 
 def run(main: Callable[[list[str]], object], argv: list[str] | None = None) -> None:

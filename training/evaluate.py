@@ -27,7 +27,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from export.tza import Reader, TzaError
+from export.tza import Reader
 from training import color, errors, metrics, nets, peer
 from training.errors import DATA, DEPENDENCY, STATE, USAGE, ToolError
 from training.features import holds, load
@@ -88,12 +88,8 @@ class Program:
 
 def load_denoiser(path: Path, features: list[str]) -> Denoiser | Program:
     """Our network of a weights file, as torch runs it; integer models as the C core does."""
-    try:
+    with errors.reading(path):
         is_integer = any(t.dtype == np.int8 for t in Reader(path).values())
-    except OSError as e:
-        raise ToolError(f"{path}: cannot read ({e.strerror})", DATA) from e
-    except TzaError as e:
-        raise ToolError(str(e), STATE) from e
     if is_integer:
         return Program(path, features)
     model = from_tensors(read_weights(path)).eval()

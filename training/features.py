@@ -42,10 +42,7 @@ def load_raw(version: Version, feature: str, layers: dict[str, str] | None = Non
     """
     if "*" in version.files and feature not in version.files and feature != "sh1":
         path = version.files["*"]
-        opened = {} if opened is None else opened
-        if path not in opened:
-            opened[path] = read_exr_channels(path)
-        channels = opened[path]
+        channels = _channels_of(path, opened)
         names = find_channels(feature, channels, (layers or {}).get(feature))
         if names is None:
             raise ToolError(f"{path}: no channels for '{feature}' (has: {', '.join(channels)}; "
@@ -67,20 +64,33 @@ def load_raw(version: Version, feature: str, layers: dict[str, str] | None = Non
     return image
 
 
-def holds(version: Version, features: list[str], layers: dict[str, str] | None = None) -> bool:
-    """Whether a version has all these features; multichannel files are looked into."""
+def _channels_of(path: Path, opened: dict[Path, dict[str, np.ndarray]] | None,
+                 ) -> dict[str, np.ndarray]:
+    """Channels of a multichannel file, read unless they are in `opened`."""
+    opened = {} if opened is None else opened
+    if path not in opened:
+        opened[path] = read_exr_channels(path)
+    return opened[path]
+
+
+def holds(version: Version, features: list[str], layers: dict[str, str] | None = None,
+          opened: dict[Path, dict[str, np.ndarray]] | None = None) -> bool:
+    """Whether a version has all these features; multichannel files are looked into.
+
+    opened: as in load_raw.
+    """
     alone = [f for f in features if f in version.files or f == "sh1"]
     rest = [f for f in features if f not in alone]
     if "*" not in version.files or not rest:
         return not version.missing(features)
-    channels = read_exr_channels(version.files["*"])
+    channels = _channels_of(version.files["*"], opened)
     return all(find_channels(f, channels, (layers or {}).get(f)) for f in rest)
 
 
-def load(version: Version, features: list[str],
-         layers: dict[str, str] | None = None) -> dict[str, np.ndarray]:
-    """Features of a version by name, cleaned; all of one size."""
-    opened: dict = {}
+def load(version: Version, features: list[str], layers: dict[str, str] | None = None,
+         opened: dict[Path, dict[str, np.ndarray]] | None = None) -> dict[str, np.ndarray]:
+    """Features of a version by name, cleaned; all of one size. opened: as in load_raw."""
+    opened = {} if opened is None else opened
     images = {f: clean(load_raw(version, f, layers, opened), f) for f in features}
     sizes = {i.shape[:2] for i in images.values()}
     if len(sizes) > 1:

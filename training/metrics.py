@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import torch
@@ -10,6 +11,12 @@ from training import color
 from training.errors import DATA, DEPENDENCY, ToolError
 from training.loss import msssim_value, ssim_value
 from training.scan import MAIN_FEATURES
+
+
+def require_numbers(image: np.ndarray, name: str | Path) -> None:
+    """ToolError that names the image, if it has NaNs."""
+    if bad := int(np.isnan(image).sum()):
+        raise ToolError(f"{name}: {bad} values are no numbers", DATA)
 
 
 def to_display(image: np.ndarray, feature: str, exposure: float = 1.0) -> np.ndarray:
@@ -71,8 +78,7 @@ def measure(image: np.ndarray, reference: np.ndarray, names: list[str],
             what: str = "image") -> dict[str, float]:
     """Metrics by name of two display images of one size; `what`: the image's name in errors."""
     for name, values in ((what, image), (f"reference of {what}", reference)):
-        if bad := int(np.isnan(values).sum()):
-            raise ToolError(f"{name}: {bad} values are no numbers", DATA)
+        require_numbers(values, name)
     return {n: METRICS[n](image, reference) for n in names}
 
 
