@@ -96,8 +96,8 @@ def check_group(group: Group, features: list[str], layers: dict[str, str]) -> It
     target, size = None, None
     for version in [v for v in (group.target, *group.inputs) if v]:
         opened: dict = {}
-        wanted = features if holds(version, features, layers, opened) else [main]
         try:
+            wanted = features if holds(version, features, layers, opened) else [main]
             raw = {f: load_raw(version, f, layers, opened) for f in wanted}
         except ToolError as e:
             yield str(e)

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from training import doctor
-from training.imageio import write_image
+from training.imageio import write_exr, write_image
 from training.scan import hold_out, list_versions, scan, Version
 
 
@@ -123,6 +123,21 @@ def test_doctor_finds_it(tmp_path, capsys, fails, kind):
     assert code == 3 and "findings in 1 groups" in message
     out = capsys.readouterr().out
     assert words in out and "a_8" in out and "a_4:" not in out
+
+
+def test_doctor_goes_on_after_a_cut_multichannel_file(tmp_path, capsys, fails):
+    names = [f"{layer}{c}" for layer, cs in (("", "RGB"), ("albedo.", "RGB"), ("normal.", "XYZ"))
+             for c in cs]
+    folder = tmp_path / "d"
+    folder.mkdir()
+    for name in ("a_4", "a_16", "a_ref", "b_4", "b_ref"):
+        write_exr(folder / f"{name}.exr", np.ones((32, 32, 9), np.float32), tuple(names))
+    cut = folder / "a_4.exr"
+    cut.write_bytes(cut.read_bytes()[:-100])
+    code, message = fails(doctor.main, ["hdr", "alb", "nrm", "-D", str(tmp_path), "-i", "d"])
+    out = capsys.readouterr().out
+    assert code == 3 and "findings in 2 groups" in message
+    assert "a_4.exr" in out and "b_ref" in out  # whose normals all look encoded
 
 
 def test_doctor_on_references(tmp_path, capsys, fails):
