@@ -212,24 +212,6 @@ static bool allocate(OIDNFilter filter, size_t plan_bytes, size_t stage_bytes,
     return true;
 }
 
-/* False and a fault if a plan could not be made. */
-static bool check_plan(lull_status status, const lull_frame *frame, const lull_model *model,
-                       lull_fault *fault)
-{
-    unsigned images = 0, bits;
-    lull_model_info info;
-    char what[96];
-
-    if (status != LULL_ERROR_FEATURES)
-        return lull_fail_status(fault, status, "the weights cannot be used with these images");
-    for (bits = frame->features; bits; bits &= bits - 1)
-        images++;
-    lull_model_get_info(model, &info);
-    snprintf(what, sizeof what, "the weights take %u channels, the images have %u", info.inputs,
-             3 * images);
-    return lull_fail_status(fault, status, what);
-}
-
 /* The core's plan. */
 static bool make_core_plan(OIDNFilter filter, const lull_frame *frame, const lull_model *model,
                            size_t stage_bytes, const lull_ladder *ladder, lull_fault *fault)
@@ -244,7 +226,7 @@ static bool make_core_plan(OIDNFilter filter, const lull_frame *frame, const lul
     status = lull_plan_init(&filter->plan, filter->plan_memory, bytes, frame, model);
     if (status != LULL_OK)
         filter->plan = NULL;
-    if (!check_plan(status, frame, model, fault))
+    if (!lull_check_plan(fault, status, frame, model))
         return false;
     lull_plan_get_info(filter->plan, &filter->plan_info);
     filter->plan_bytes = bytes;

@@ -44,6 +44,23 @@ bool lull_fail_status(lull_fault *fault, lull_status status, const char *what)
                      "%s: %s", what, lull_status_text(status));
 }
 
+bool lull_check_plan(lull_fault *fault, lull_status status, const lull_frame *frame,
+                     const lull_model *model)
+{
+    lull_model_info info;
+    unsigned images = 0;
+    char what[96];
+
+    if (status != LULL_ERROR_FEATURES)
+        return lull_fail_status(fault, status, "the weights cannot be used with these images");
+    for (unsigned i = 0; i < LULL_OUTPUT; i++)
+        images += frame->features >> i & 1;
+    lull_model_get_info(model, &info);
+    snprintf(what, sizeof what, "the weights take %u channels, the images have %u", info.inputs,
+             3 * images);
+    return lull_fail_status(fault, status, what);
+}
+
 /* ---- Slots ----------------------------------------------------------------------------------- */
 
 #if !LULL_WITH_THREADS

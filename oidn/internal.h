@@ -74,6 +74,10 @@ OIDNError lull_errors_take(lull_errors *errors, const char **text);
 /* Error of a core status. `what` says what was attempted. */
 bool lull_fail_status(lull_fault *fault, lull_status status, const char *what);
 
+/* Error of a plan that the core could not make of these; true if it could. */
+bool lull_check_plan(lull_fault *fault, lull_status status, const lull_frame *frame,
+                     const lull_model *model);
+
 /* ---- Parameters (params.c) ------------------------------------------------------------------- */
 
 enum lull_owner { LULL_DEVICE = 1, LULL_RT = 2, LULL_LIGHTMAP = 4, LULL_FILTERS = 6 };

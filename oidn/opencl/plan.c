@@ -116,7 +116,7 @@ static bool check(lull_engine_plan *plan, const lull_frame *frame, const lull_mo
                          "CPU device for networks in floating point");
     status = lull_plan_init(&none, &plan->host, sizeof plan->host, frame, model);
     return status == LULL_ERROR_MEMORY ||
-           lull_fail_status(fault, status, "the weights cannot be used with these images");
+           lull_check_plan(fault, status, frame, model);
 }
 
 static lull_engine_plan *allocate(lull_engine *engine, const lull_frame *frame,

@@ -497,6 +497,34 @@ static void integer_unets(void)
     }
 }
 
+/* Both devices say alike which images the weights take. */
+static void weights_for_other_images(void)
+{
+    const OIDNDevice devices[] = {opencl, cpu};
+    size_t bytes, d;
+    float *images[3];
+    frame f = frame_of((const size_t[]){9, 5}, images);
+    void *model;
+
+    NEED_OPENCL();
+    model = read_golden("int_unet_9_aux", "weights.tza", &bytes);
+    for (d = 0; d < COUNT(devices); d++) {
+        OIDNFilter filter = oidnNewFilter(devices[d], "RT");
+        const char *text = "";
+
+        oidnSetSharedFilterImage(filter, "color", images[0], F3, f.width, f.height, 0, 0, 0);
+        oidnSetSharedFilterImage(filter, "output", images[1], F3, f.width, f.height, 0, 0, 0);
+        oidnSetSharedFilterData(filter, "weights", model, bytes);
+        oidnCommitFilter(filter);
+        CHECK_EQ(oidnGetDeviceError(devices[d], &text), OIDN_ERROR_UNKNOWN);
+        if (!CHECK(strstr(text, "take 9 channels, the images have 3")))
+            printf("  %s\n", text);
+        oidnReleaseFilter(filter);
+    }
+    free(model);
+    free_images(images);
+}
+
 int main(int argc, char **argv)
 {
     CHECK_MAIN(argc, argv);
@@ -514,6 +542,7 @@ int main(int argc, char **argv)
     RUN(in_place);
     RUN(equals_the_reference);
     RUN(integer_unets);
+    RUN(weights_for_other_images);
     if (opencl) {
         oidnReleaseDevice(opencl);
         oidnReleaseDevice(cpu);
