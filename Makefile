@@ -201,8 +201,10 @@ lull for $(MACHINE)
   compiler   $(CC) $(BASE_FLAGS) $(CFLAGS) $(LDFLAGS)
   ports      $(PORTS)$(foreach g,$(filter-out $(PORTS),$(PORT_GROUPS)),$(if \
     $(strip $(PORT_$(g)_SOURCES)),$(if $(filter any $(ARCH),$(PORT_$(g)_ARCH)), (no $(g): the compiler lacks it))))
-  OpenEXR    $(call yesno,$(WITH_OPENEXR),(pkg-config finds no OpenEXR >= 3.1; Debian: libopenexr-dev pkg-config))
-  PNG        $(call yesno,$(WITH_PNG),(pkg-config finds no libpng; Debian: libpng-dev pkg-config))
+  OpenEXR    $(call yesno,$(WITH_OPENEXR),$(if $(filter 0,$(OPENEXR)),(OPENEXR=0),(pkg-config finds \
+    no OpenEXR >= 3.1; Debian: libopenexr-dev pkg-config)))
+  PNG        $(call yesno,$(WITH_PNG),$(if $(filter 0,$(PNG)),(PNG=0),(pkg-config finds no libpng; \
+    Debian: libpng-dev pkg-config)))
   threads    $(call yesno,$(WITH_THREADS),(THREADS=0))
   OpenCL     $(call yesno,$(WITH_OPENCL),(OPENCL=0))
 endef
@@ -392,7 +394,10 @@ OIDN_VERSION = $(call define_of,OIDN_VERSION_MAJOR,$(OIDN_CONFIG)).$(call \
 LULL_VERSION = $(call define_of,LULL_VERSION_MAJOR,lib/lull.h).$(call \
                define_of,LULL_VERSION_MINOR,lib/lull.h).$(call define_of,LULL_VERSION_PATCH,lib/lull.h)
 cmakedir = $(libdir)/cmake/OpenImageDenoise-$(OIDN_VERSION)
-FILL = sed -e 's|@PREFIX@|$(prefix)|g' -e 's|@LIBDIR@|$(libdir)|g' -e 's|@INCLUDEDIR@|$(includedir)|g' \
+# Of folders below the prefix, .pc files name only what is below it: a tree may be moved.
+FILL = sed -e 's|@PREFIX@|$(prefix)|g' -e 's|@INCLUDEDIR@|$(includedir)|g' \
+       -e 's|@PC_LIBDIR@|$(libdir)|g' -e 's|@PC_INCLUDEDIR@|$(includedir)|g' \
+       -e 's|^\([a-z]*dir\)=$(prefix)/|\1=$${prefix}/|' \
        -e 's|@OIDN_VERSION@|$(OIDN_VERSION)|g' -e 's|@LULL_VERSION@|$(LULL_VERSION)|g' \
        -e 's|@SONAME@|$(SONAME)|g' -e 's|@THREAD_LIBS@|$(THREAD_LIBS)|g'
 TEMPLATES := $(wildcard oidn/packaging/*.in)
@@ -411,7 +416,7 @@ install: all
 	set -e; for t in $(TEMPLATES); do \
 	    name=$$(basename $$t .in); \
 	    case $$name in *.pc) to='$(libdir)/pkgconfig' ;; *) to='$(cmakedir)' ;; esac; \
-	    $(FILL) $$t >'$(DESTDIR)'$$to/$$name; chmod 644 '$(DESTDIR)'$$to/$$name; done
+	    $(FILL) $$t >'$(DESTDIR)'"$$to/$$name"; chmod 644 '$(DESTDIR)'"$$to/$$name"; done
 	$(if $(MAN_PAGES),$(INSTALL) -m 644 $(MAN_PAGES) '$(DESTDIR)$(mandir)/man1')
 
 # What install has put there, and the folders that are its own.

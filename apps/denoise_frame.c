@@ -445,20 +445,29 @@ static exit_code run_all(frame_job *job)
     return code;
 }
 
-/* A copy for a format that holds integers or sRGB, or NULL if the values can go as they are. */
+/* A copy for a format that holds integers or sRGB, or another kind of alpha than the input's, or
+ * NULL if the values can go as they are. */
 static image *display_copy(const frame_job *job, const image *result, const char *path, image *copy,
                            image_error *error)
 {
+    const image *main = &job->inputs.images[job->inputs.main];
+    image_alpha from = main->is_layered ? IMAGE_MULTIPLIED : IMAGE_STRAIGHT;
+    image_alpha to = image_path_alpha(path);
     int is_signed = denoise_is_signed(job->settings, job->inputs.main);
-    if (is_signed ? !image_path_is_integer(path) : image_path_is_linear(path) || job->is_srgb)
+    int is_encoded =
+        is_signed ? image_path_is_integer(path) : !image_path_is_linear(path) && !job->is_srgb;
+    int has_alpha = main->alpha && !is_signed && to != IMAGE_OPAQUE && to != from;
+    if (!is_encoded && !has_alpha)
         return NULL;
     if (image_create(copy, result->width, result->height, result->channels, IMAGE_FLOAT, error))
         return NULL;
     for (size_t i = 0, n = image_count(result); i < n; i++)
         image_set(copy, i, image_get(result, i));
-    if (is_signed)
+    if (has_alpha)
+        image_convert_alpha(copy, main->alpha, from, to);
+    if (is_encoded && is_signed)
         image_encode_signed(copy);
-    else
+    else if (is_encoded)
         image_encode_srgb(copy);
     return copy;
 }
@@ -471,6 +480,7 @@ static exit_code write_output(frame_job *job, const char *pattern)
     image_target target = {main->is_layered ? job->inputs.paths[job->inputs.main] : NULL};
     image copy = {0}, *shown;
     image_error error = {IMAGE_OK, ""};
+    exit_code code = EXIT_OK;
 
     if (!path)
         return report_error(EXIT_OUTPUT, "cannot write '%s': not enough memory", pattern);
@@ -485,12 +495,14 @@ static exit_code write_output(frame_job *job, const char *pattern)
         image_write(path, &whole, &target, &error);
     }
     image_destroy(&copy);
-    if (error.status)
-        report_error(EXIT_OUTPUT, "cannot write '%s': %s", path, error.text);
+    if (error.status && platform_interrupted())
+        code = EXIT_INTERRUPTED;
+    else if (error.status)
+        code = report_error(EXIT_OUTPUT, "cannot write '%s': %s", path, error.text);
     else
         json_text(job->session->report, NULL, path);
     free(path);
-    return error.status ? EXIT_OUTPUT : EXIT_OK;
+    return code;
 }
 
 static exit_code write_outputs(frame_job *job)

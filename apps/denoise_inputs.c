@@ -1,6 +1,5 @@
 #include "denoise.h"
 
-#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -102,26 +101,21 @@ static exit_code load_all(denoise_inputs *inputs, const denoise_settings *settin
     return EXIT_OK;
 }
 
-static exit_code check_sizes(const denoise_inputs *inputs)
+static exit_code check_aligned(const denoise_inputs *inputs)
 {
-    const image *main = &inputs->images[inputs->main];
-    for (int i = 0; i < 3; i++) {
-        const image *img = &inputs->images[i];
-        if (img->pixels && (img->width != main->width || img->height != main->height))
-            return report_error(EXIT_INPUT, "'%s' has %zux%zu pixels, but '%s' has %zux%zu",
-                                inputs->paths[i], img->width, img->height,
-                                inputs->paths[inputs->main], main->width, main->height);
-    }
-    return EXIT_OK;
+    exit_code code = EXIT_OK;
+    for (int i = 0; i < 3 && !code; i++)
+        if (inputs->images[i].pixels)
+            code = image_check_aligned(&inputs->images[i], inputs->paths[i],
+                                       &inputs->images[inputs->main], inputs->paths[inputs->main]);
+    return code;
 }
 
 /* An image without a single number would come out black: say so instead. */
 static exit_code check_finite(const denoise_inputs *inputs)
 {
-    const image *main = &inputs->images[inputs->main];
-    for (size_t i = 0, n = image_count(main); i < n; i++)
-        if (isfinite(image_get(main, i)))
-            return EXIT_OK;
+    if (image_is_finite(&inputs->images[inputs->main]))
+        return EXIT_OK;
     return fail(inputs->paths[inputs->main], "it has no finite value (only NaN or infinity)");
 }
 
@@ -161,7 +155,7 @@ exit_code denoise_load(denoise_inputs *inputs, const denoise_settings *settings,
     memset(inputs, 0, sizeof *inputs);
     code = load_all(inputs, settings, frame);
     if (!code)
-        code = check_sizes(inputs);
+        code = check_aligned(inputs);
     if (!code)
         code = check_finite(inputs);
     if (code)

@@ -59,7 +59,7 @@ static int64_t on_write(exr_const_context_t context, void *user, const void *buf
     size_t n;
     (void)context;
     (void)error;
-    if (!seek(file, offset))
+    if (platform_interrupted() || !seek(file, offset))
         return -1;
     n = fwrite(buffer, 1, (size_t)size, file->stream);
     file->position += (int64_t)n;

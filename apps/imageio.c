@@ -13,18 +13,18 @@
 /* The formats. The first row whose magic a file begins with reads it; rows with the same magic
  * differ in what they write. '?' in a magic stands for any byte. */
 static const image_format formats[] = {
-    {"exr", "OpenEXR", LULL_WITH_OPENEXR, 1, 0, "\x76\x2f\x31\x01", image_read_exr,
-     image_write_exr},
-    {"pfm", "PFM", 1, 1, 0, "PF", image_read_pfm, image_write_pfm},
-    {"pfm", "PFM", 1, 1, 0, "Pf", image_read_pfm, image_write_pfm},
-    {"pfm", "PFM", 1, 1, 0, "P=", image_read_pfm, image_write_pfm},
-    {"phm", "PHM", 1, 1, 0, "PH", image_read_pfm, image_write_phm},
-    {"phm", "PHM", 1, 1, 0, "Ph", image_read_pfm, image_write_phm},
-    {"phm", "PHM", 1, 1, 0, "P:", image_read_pfm, image_write_phm},
-    {"png", "PNG", LULL_WITH_PNG, 0, 1, "\x89PNG\r\n\x1a\n", image_read_png, image_write_png},
-    {"hdr", "Radiance HDR", 1, 1, 0, "#?R", image_read_hdr, image_write_hdr},
-    {"ppm", "PPM", 1, 0, 1, "P6", image_read_ppm, image_write_ppm},
-    {"pgm", "PGM", 1, 0, 1, "P5", image_read_ppm, image_write_pgm},
+    {"exr", "OpenEXR", LULL_WITH_OPENEXR, 1, 0, IMAGE_MULTIPLIED, "\x76\x2f\x31\x01",
+     image_read_exr, image_write_exr},
+    {"pfm", "PFM", 1, 1, 0, IMAGE_OPAQUE, "PF", image_read_pfm, image_write_pfm},
+    {"pfm", "PFM", 1, 1, 0, IMAGE_OPAQUE, "Pf", image_read_pfm, image_write_pfm},
+    {"pfm", "PFM", 1, 1, 0, IMAGE_OPAQUE, "P=", image_read_pfm, image_write_pfm},
+    {"phm", "PHM", 1, 1, 0, IMAGE_OPAQUE, "PH", image_read_pfm, image_write_phm},
+    {"phm", "PHM", 1, 1, 0, IMAGE_OPAQUE, "Ph", image_read_pfm, image_write_phm},
+    {"phm", "PHM", 1, 1, 0, IMAGE_OPAQUE, "P:", image_read_pfm, image_write_phm},
+    {"png", "PNG", LULL_WITH_PNG, 0, 1, IMAGE_STRAIGHT, "\x89PNG\r\n\x1a\n", image_read_png, image_write_png},
+    {"hdr", "Radiance HDR", 1, 1, 0, IMAGE_OPAQUE, "#?R", image_read_hdr, image_write_hdr},
+    {"ppm", "PPM", 1, 0, 1, IMAGE_OPAQUE, "P6", image_read_ppm, image_write_ppm},
+    {"pgm", "PGM", 1, 0, 1, IMAGE_OPAQUE, "P5", image_read_ppm, image_write_pgm},
 };
 #define FORMATS (sizeof formats / sizeof formats[0])
 
@@ -75,6 +75,12 @@ int image_path_is_integer(const char *path)
 {
     const image_format *format = format_of_path(path);
     return format && format->is_integer;
+}
+
+image_alpha image_path_alpha(const char *path)
+{
+    const image_format *format = format_of_path(path);
+    return format ? format->alpha : IMAGE_OPAQUE;
 }
 
 /* ---- Images ---------------------------------------------------------------------------------- */
@@ -157,6 +163,14 @@ void image_set(image *img, size_t index, float value)
         ((float *)img->pixels)[index] = value;
 }
 
+int image_is_finite(const image *img)
+{
+    for (size_t i = 0, n = image_count(img); i < n; i++)
+        if (isfinite(image_get(img, i)))
+            return 1;
+    return 0;
+}
+
 void image_get_row(const image *img, size_t y, float *values)
 {
     size_t n = img->width * img->channels;
@@ -179,6 +193,21 @@ void image_set_row(image *img, size_t y, const float *values)
         for (size_t i = 0; i < n; i++)
             row[i] = half_from_float(values[i]);
     }
+}
+
+exit_code image_check_aligned(const image *img, const char *name, const image *main,
+                              const char *main_name)
+{
+    if (img->width != main->width || img->height != main->height)
+        return report_error(EXIT_INPUT, "'%s' has %zux%zu pixels, but '%s' has %zux%zu", name,
+                            img->width, img->height, main_name, main->width, main->height);
+    if (img->is_layered && main->is_layered && (img->left != main->left || img->top != main->top))
+        return report_error(EXIT_INPUT,
+                            "the data window of '%s' (%s) begins at %d,%d, but that of '%s' (%s) "
+                            "at %d,%d",
+                            name, img->names[0], img->left, img->top, main_name, main->names[0],
+                            main->left, main->top);
+    return EXIT_OK;
 }
 
 /* ---- Curves ---------------------------------------------------------------------------------- */
@@ -206,6 +235,19 @@ void image_encode_srgb(image *img) { map_values(img, srgb_encode); }
 void image_decode_srgb(image *img) { map_values(img, srgb_decode); }
 void image_encode_signed(image *img) { map_values(img, signed_encode); }
 void image_decode_signed(image *img) { map_values(img, signed_decode); }
+
+void image_convert_alpha(image *img, const float *alpha, image_alpha from, image_alpha to)
+{
+    if (!alpha || from == to || from == IMAGE_OPAQUE || to == IMAGE_OPAQUE)
+        return;
+    for (size_t i = 0, n = image_count(img); i < n; i++) {
+        float a = alpha[i / img->channels], v = image_get(img, i);
+        if (to == IMAGE_MULTIPLIED)
+            image_set(img, i, v * a);
+        else if (a > 0) /* what shines through transparent pixels stays */
+            image_set(img, i, v / a);
+    }
+}
 
 /* ---- Files ----------------------------------------------------------------------------------- */
 
@@ -294,6 +336,8 @@ image_status image_write(const char *path, const image *img, const image_target 
         return image_fail(error, IMAGE_ERROR_WRITE, "%s", strerror(code));
     errno = 0;
     status = format_of_path(path)->write(out.stream, img, target ? target : &plain, error);
+    if (platform_interrupted())
+        status = image_fail(error, IMAGE_ERROR_WRITE, "interrupted");
     if (!status && ferror(out.stream))
         status = image_fail(error, IMAGE_ERROR_WRITE, "%s", strerror(errno ? errno : EIO));
     if (status) {

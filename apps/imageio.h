@@ -51,6 +51,13 @@ typedef enum image_type {
     IMAGE_HALF
 } image_type;
 
+/* What formats do with an alpha. */
+typedef enum image_alpha {
+    IMAGE_OPAQUE,    /* hold none */
+    IMAGE_STRAIGHT,  /* beside colours that know nothing of it */
+    IMAGE_MULTIPLIED /* colours are multiplied by it */
+} image_alpha;
+
 /* Pixels: rows from top to bottom, channels interleaved, no padding. A zeroed struct is an empty
  * image. */
 typedef struct image {
@@ -58,12 +65,13 @@ typedef struct image {
     unsigned channels; /* 1 to 3: grey, two-channel, colour */
     image_type type;
     void *pixels; /* malloc */
-    float
-        *alpha; /* width * height, malloc; NULL if the file has none or keeps it by itself (EXR) */
+    float *alpha;   /* width * height, malloc; NULL if the file has none (EXR: or if it is not */
+                    /* asked for colour) */
     unsigned bits;  /* 8 or 16: the file held integers of that many bits; 0: floating point */
     int is_layered; /* 1: read from an EXR file; then: */
     char names[3][IMAGE_NAME_SIZE]; /* the channels that were taken */
     int part;
+    int left, top; /* corner of the data window */
 } image;
 
 /* Which layer of a multilayer file is wanted (layers.h). */
@@ -99,7 +107,8 @@ typedef struct image_target {
                        * which may be the target itself; NULL: a file with this image only */
 } image_target;
 
-/* Writes an image in the format that the path's extension names; `target` may be NULL. */
+/* Writes an image in the format that the path's extension names; `target` may be NULL. After an
+ * interrupt (platform_interrupted) it fails and leaves what was there. */
 image_status image_write(const char *path, const image *img, const image_target *target,
                          image_error *error);
 
@@ -111,6 +120,17 @@ int image_path_is_linear(const char *path);
 
 /* 1 for an extension whose values are integers in [0, 1]: .png .ppm .pgm. */
 int image_path_is_integer(const char *path);
+
+/* What files of this extension do with an alpha. */
+image_alpha image_path_alpha(const char *path);
+
+/* Brings linear colours beside which there is this alpha (NULL: none) from one kind to another. */
+void image_convert_alpha(image *img, const float *alpha, image_alpha from, image_alpha to);
+
+/* INPUT, which it reports, if an image does not lie upon the main one pixel by pixel: other sizes,
+ * or data windows of EXR files that begin elsewhere. The names are those of the files. */
+exit_code image_check_aligned(const image *img, const char *name, const image *main,
+                              const char *main_name);
 
 /* Allocates pixels (contents undefined). */
 image_status image_create(image *out, size_t width, size_t height, unsigned channels,
@@ -125,6 +145,9 @@ size_t image_pixel_bytes(const image *img);
 size_t image_count(const image *img);
 float image_get(const image *img, size_t index);
 void image_set(image *img, size_t index, float value);
+
+/* 1 if a value is neither NaN nor infinite. */
+int image_is_finite(const image *img);
 
 /* A row of width * channels values. */
 void image_get_row(const image *img, size_t y, float *values);
@@ -158,6 +181,7 @@ typedef struct image_format {
     int is_available;
     int is_linear;     /* values in such files are linear, not sRGB-encoded */
     int is_integer;    /* values are clamped to [0, 1] */
+    image_alpha alpha;
     const char *magic; /* first bytes, or NULL if another row reads these files */
     image_status (*read)(image *, FILE *, const image_request *, image_error *);
     image_status (*write)(FILE *, const image *, const image_target *, image_error *);

@@ -153,6 +153,7 @@ typedef struct reader {
     unsigned char **planes;
     size_t *room;
     int taken[3]; /* channels of the image, as places in the part */
+    int alpha;    /* likewise, -1: none */
 } reader;
 
 static void reader_free(reader *r)
@@ -165,6 +166,21 @@ static void reader_free(reader *r)
     free(r->room);
     free(r->wanted);
     exr_file_close(&r->file);
+}
+
+/* Place in the part of the alpha of a layer, one of whose channels has this name; -1: none. */
+static int find_alpha(const exr_attr_chlist_t *channels, const char *name)
+{
+    const char *dot = strrchr(name, '.');
+    size_t layer = dot ? (size_t)(dot - name) + 1 : 0;
+    for (int c = 0; c < channels->num_channels; c++) {
+        const exr_attr_chlist_entry_t *channel = &channels->entries[c];
+        const char *end = channel->name.str + layer;
+        if (!strncmp(channel->name.str, name, layer) && (*end == 'A' || *end == 'a') && !end[1] &&
+            channel->x_sampling == 1 && channel->y_sampling == 1)
+            return c;
+    }
+    return -1;
 }
 
 /* Sizes and types of the layer; allocates the image and the decoding buffers. */
@@ -206,8 +222,19 @@ static image_status reader_begin(reader *r, image *out, const channel_list *list
         status = image_begin(out, request, width, height, match.count, stored, error);
     if (status)
         return status;
+    r->alpha = request->role == IMAGE_COLOR
+                   ? find_alpha(channels, channels->entries[r->taken[0]].name.str)
+                   : -1;
+    if (r->alpha >= 0) {
+        r->wanted[r->alpha] = 1;
+        out->alpha = malloc((size_t)width * (size_t)height * sizeof *out->alpha);
+        if (!out->alpha)
+            return image_fail(error, IMAGE_ERROR_MEMORY, "not enough memory");
+    }
     out->is_layered = 1;
     out->part = part;
+    out->left = r->chunks.window.min.x;
+    out->top = r->chunks.window.min.y;
     for (unsigned c = 0; c < match.count; c++)
         snprintf(out->names[c], sizeof out->names[c], "%s",
                  channels->entries[r->taken[c]].name.str);
@@ -248,9 +275,23 @@ static void store_row(image *out, size_t at, const unsigned char *row, size_t wi
     }
 }
 
+static void store_alpha(const reader *r, image *out)
+{
+    size_t w = (size_t)r->chunks.info.width, h = (size_t)r->chunks.info.height;
+    uint16_t type = r->decode.channels[r->alpha].data_type;
+    const unsigned char *row = r->planes[r->alpha];
+    for (size_t y = 0; y < h; y++, row += w * (type == EXR_PIXEL_HALF ? 2 : 4)) {
+        float *values = out->alpha + ((size_t)r->chunks.y + y) * out->width + (size_t)r->chunks.x;
+        for (size_t x = 0; x < w; x++)
+            values[x] = value_at(row, x, type);
+    }
+}
+
 static void store_chunk(const reader *r, image *out)
 {
     size_t w = (size_t)r->chunks.info.width, h = (size_t)r->chunks.info.height;
+    if (r->alpha >= 0)
+        store_alpha(r, out);
     for (unsigned c = 0; c < out->channels; c++) {
         const exr_coding_channel_info_t *channel = &r->decode.channels[r->taken[c]];
         const unsigned char *plane = r->planes[r->taken[c]];

@@ -173,7 +173,7 @@ static void write_pixels(png_job *job, const image *img)
                  PNG_FILTER_TYPE_DEFAULT);
     png_set_compression_level(job->png, 6);
     png_write_info(job->png, job->info);
-    for (size_t y = 0; y < img->height; y++) {
+    for (size_t y = 0; y < img->height && !platform_interrupted(); y++) {
         image_get_row(img, y, job->values);
         for (size_t x = 0; x < img->width; x++)
             for (unsigned c = 0; c < stored; c++) {
@@ -188,7 +188,8 @@ static void write_pixels(png_job *job, const image *img)
             }
         png_write_row(job->png, job->bytes);
     }
-    png_write_end(job->png, NULL);
+    if (!platform_interrupted())
+        png_write_end(job->png, NULL);
 }
 
 static image_status write_guarded(png_job *job, FILE *file, const image *img)

@@ -138,7 +138,7 @@ static int is_auxiliary(const char *channel)
     return 0;
 }
 
-/* Colour under a name we do not know, or grey. */
+/* Colour under a name we do not know, grey, or R and G alone. */
 static layer_match find_any_color(const char *const *names, size_t count)
 {
     static const char *const grey[] = {"Y", "L", "grey", "gray", "luminance"};
@@ -159,7 +159,10 @@ static layer_match find_any_color(const char *const *names, size_t count)
                 match.channels[0] = i;
                 return match;
             }
-    match.count = count == 1; /* whatever it is called, it is the image */
+    if (count == 2 && !is_auxiliary(names[0]))
+        match = layers_find_named("R,G", names, count);
+    if (!match.count)
+        match.count = count == 1; /* whatever it is called, it is the image */
     return match;
 }
 

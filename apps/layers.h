@@ -8,7 +8,7 @@
 #include "imageio.h"
 
 typedef struct layer_match {
-    unsigned count;     /* channels found: 1 or 3 (2 only for an explicit list); 0: none */
+    unsigned count;     /* channels found: 1 or 3 (2: a list, or R and G are all); 0: none */
     size_t channels[3]; /* their places in the list of names, in the order R G B or X Y Z */
 } layer_match;
 

@@ -250,20 +250,23 @@ static void tell_layer(const image *img, image_role role, json *report)
     json_close(report, '}');
 }
 
-/* The colour of an image and, of a multilayer file, its albedo and normals. Values are as stored.
- */
+/* What a file has of colour, albedo and normals. Values are as stored. */
 static exit_code tell_image(const char *path, json *report)
 {
+    image_error missing = {IMAGE_OK, ""};
+    int is_told = 0;
     for (int i = 0; i < 3; i++) {
         image_request request = {(image_role)i, NULL, i > 0, IMAGE_ANY, 0};
         image_error error;
         image img;
         image_status status = image_read(&img, path, &request, &error);
-        if (status && (!i || status != IMAGE_ERROR_LAYER))
+        if (status && status != IMAGE_ERROR_LAYER)
             return report_error(EXIT_INPUT, "cannot read '%s': %s", path, error.text);
+        if (status && !i)
+            missing = error;
         if (status)
             continue;
-        if (!i) {
+        if (!is_told++) {
             report_line("%s: %zux%zu, %u channels%s\n", path, img.width, img.height, img.channels,
                         img.alpha ? " and alpha" : "");
             json_number(report, "width", (double)img.width);
@@ -275,7 +278,8 @@ static exit_code tell_image(const char *path, json *report)
             i = 3; /* no layers to look for */
         image_destroy(&img);
     }
-    return EXIT_OK;
+    return is_told ? EXIT_OK
+                   : report_error(EXIT_INPUT, "cannot read '%s': %s", path, missing.text);
 }
 
 /* ---- Comparison ------------------------------------------------------------------------------ */
@@ -461,6 +465,8 @@ int main(int argc, char **argv)
         report_be_quiet();
     json_open(&report, NULL, '{');
     code = run(&s, &report);
+    if (!code && !s.is_json)
+        code = report_check_text();
     code = report_end(&report, code, s.is_json);
     free(s.files);
     return code;

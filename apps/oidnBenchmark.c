@@ -324,6 +324,8 @@ static exit_code run(const settings *s)
     free(b.weights);
     if (code == EXIT_INTERRUPTED)
         report_error(code, "interrupted");
+    if (!code && !s->is_json)
+        code = report_check_text();
     json_number(&report, "peak_memory_bytes", (double)platform_peak_memory());
     return report_end(&report, code, s->is_json);
 }

@@ -40,6 +40,20 @@ void platform_use_huge_pages(void *block, size_t bytes)
 #endif
 }
 
+/* Bytes of a path up to the name in it. */
+static size_t folder_length(const char *path)
+{
+#if defined(_WIN32)
+    static const char separators[] = "/\\:";
+#else
+    static const char separators[] = "/";
+#endif
+    size_t n = strlen(path);
+    while (n && !strchr(separators, path[n - 1]))
+        n--;
+    return n;
+}
+
 #if defined(_WIN32)
 
 double platform_clock(void)
@@ -78,6 +92,7 @@ static int create_new(const char *path)
 }
 
 static char *resolve(const char *path) { return _strdup(path); }
+static int is_writable(const char *path) { return _access(path, 2) == 0; }
 static int process_id(void) { return _getpid(); }
 static FILE *stream_of(int descriptor) { return _fdopen(descriptor, "wb"); }
 static void close_descriptor(int descriptor) { _close(descriptor); }
@@ -135,12 +150,41 @@ int64_t platform_file_size(FILE *file)
 
 static int create_new(const char *path) { return open(path, O_WRONLY | O_CREAT | O_EXCL, 0666); }
 
-/* The file that a write would reach; a copy of the path itself if there is none yet. */
+/* What a link points to, from where the link is; NULL if the path is none. */
+static char *target_of(const char *path)
+{
+    char target[4096];
+    ssize_t n = readlink(path, target, sizeof target);
+    size_t folder = folder_length(path);
+    char *whole;
+    if (n < 0 || (size_t)n == sizeof target)
+        return NULL;
+    if (target[0] == '/')
+        folder = 0;
+    whole = malloc(folder + (size_t)n + 1);
+    if (whole) {
+        memcpy(whole, path, folder);
+        memcpy(whole + folder, target, (size_t)n);
+        whole[folder + (size_t)n] = 0;
+    }
+    return whole;
+}
+
+/* The file that a write would reach: links are followed, to files that do not exist yet, too. */
 static char *resolve(const char *path)
 {
-    char *real = realpath(path, NULL);
-    return real ? real : strdup(path);
+    char *real = realpath(path, NULL), *next;
+    if (real)
+        return real;
+    real = strdup(path);
+    for (int links = 0; real && links < 40 && (next = target_of(real)) != NULL; links++) {
+        free(real);
+        real = next;
+    }
+    return real;
 }
+
+static int is_writable(const char *path) { return access(path, W_OK) == 0; }
 
 static int process_id(void) { return (int)getpid(); }
 static FILE *stream_of(int descriptor) { return fdopen(descriptor, "wb"); }
@@ -166,6 +210,45 @@ static void on_interrupt(int number)
 void platform_catch_interrupt(void) { signal(SIGINT, on_interrupt); }
 int platform_interrupted(void) { return interrupted != 0; }
 
+/* ---- Outputs --------------------------------------------------------------------------------- */
+
+#if defined(_WIN32)
+
+static void guard(const char *temporary) { (void)temporary; }
+
+#else
+
+/* What is being written, for signals that end the process: a static copy, always whole. */
+static char unfinished[4096];
+static volatile sig_atomic_t is_unfinished;
+
+static void on_end(int number)
+{
+    if (is_unfinished)
+        unlink(unfinished);
+    signal(number, SIG_DFL);
+    raise(number);
+}
+
+/* From here on a signal that ends the process removes this file; NULL: none. Files that grow too
+ * large are errors, as full disks are. */
+static void guard(const char *temporary)
+{
+    static const int ends[] = {SIGTERM, SIGHUP};
+    struct sigaction now = {0};
+    is_unfinished = 0;
+    if (!temporary || strlen(temporary) >= sizeof unfinished)
+        return;
+    memcpy(unfinished, temporary, strlen(temporary) + 1);
+    is_unfinished = 1;
+    for (size_t i = 0; i < sizeof ends / sizeof ends[0]; i++)
+        if (!sigaction(ends[i], NULL, &now) && now.sa_handler == SIG_DFL)
+            signal(ends[i], on_end);
+    signal(SIGXFSZ, SIG_IGN);
+}
+
+#endif
+
 int platform_is_directory(const char *path)
 {
     struct stat info = {0}; /* the memory sanitizer does not know of stat */
@@ -174,27 +257,31 @@ int platform_is_directory(const char *path)
 
 static void output_forget(output_file *out)
 {
+    guard(NULL);
     free(out->path);
     free(out->temporary);
     memset(out, 0, sizeof *out);
 }
 
-/* Creates <path>.<process>.<n>.tmp; returns 0 or an errno value. */
+/* Creates lull-<process>-<n>.tmp beside the target, whose name may be as long as names can be;
+ * returns 0 or an errno value. */
 static int open_temporary(output_file *out)
 {
-    size_t room = strlen(out->path) + 48;
+    size_t folder = folder_length(out->path), room = folder + 48;
     int descriptor = -1;
     out->temporary = malloc(room);
     if (!out->temporary)
         return ENOMEM;
     for (unsigned n = 0; n < 100 && descriptor < 0; n++) {
-        snprintf(out->temporary, room, "%s.%d.%u.tmp", out->path, process_id(), n);
+        memcpy(out->temporary, out->path, folder);
+        snprintf(out->temporary + folder, room - folder, "lull-%d-%u.tmp", process_id(), n);
         descriptor = create_new(out->temporary);
         if (descriptor < 0 && errno != EEXIST)
             return errno;
     }
     if (descriptor < 0)
         return EEXIST;
+    guard(out->temporary);
     out->stream = stream_of(descriptor);
     if (!out->stream) {
         close_descriptor(descriptor);
@@ -217,6 +304,8 @@ int output_open(output_file *out, const char *path)
     } else if (stat(out->path, &info) == 0 && (info.st_mode & S_IFMT) != S_IFREG) {
         out->stream = fopen(out->path, "wb");
         error = out->stream ? 0 : errno;
+    } else if (info.st_mode && !is_writable(out->path)) {
+        error = errno; /* it could be replaced, but somebody protected it */
     } else {
         error = open_temporary(out);
     }

@@ -40,8 +40,9 @@ int platform_is_directory(const char *path);
 
 /* A file that takes its name only when it is complete: written beside the target under a temporary
  * name, and renamed by output_close. Until then an existing file of that name is untouched. Targets
- * that are not regular files (/dev/null, a pipe) are written directly. Symbolic links are followed.
- */
+ * that are not regular files (/dev/null, a pipe) are written directly. Symbolic links are followed,
+ * write-protected files refused. Where the process is ended by a signal that can be caught, the
+ * temporary file goes; of several at a time only the one opened last. */
 typedef struct output_file {
     FILE *stream;
     char *path;      /* target, links resolved */

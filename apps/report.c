@@ -36,6 +36,13 @@ void report_line(const char *format, ...)
     fflush(stdout);
 }
 
+exit_code report_check_text(void)
+{
+    return fflush(stdout) || ferror(stdout)
+               ? report_error(EXIT_OUTPUT, "cannot write to the standard output")
+               : EXIT_OK;
+}
+
 exit_code report_end(json *report, exit_code code, int is_json)
 {
     json_number(report, "exit_code", code);

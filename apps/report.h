@@ -32,6 +32,10 @@ const char *report_last_error(void);
 void report_line(const char *format, ...) REPORT_PRINTF(1, 2);
 void report_be_quiet(void);
 
+/* OUTPUT, which it reports, if some of the text could not be printed: for programs whose text is
+ * what they are asked for. */
+exit_code report_check_text(void);
+
 /* Ends a program's JSON object with its exit code and, if that tells of one, the last error; prints
  * it if is_json, and frees it. Returns the code, or another one if nothing could be printed. */
 exit_code report_end(json *report, exit_code code, int is_json);

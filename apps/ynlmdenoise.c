@@ -123,10 +123,12 @@ static exit_code load(image *images, const settings *s)
                 continue;
             return report_error(EXIT_INPUT, "cannot read '%s': %s", path, error.text);
         }
-        if (images[i].width != images[0].width || images[i].height != images[0].height)
-            return report_error(EXIT_INPUT, "'%s' has %zux%zu pixels, but '%s' has %zux%zu", path,
-                                images[i].width, images[i].height, s->files[IMAGE_COLOR],
-                                images[0].width, images[0].height);
+        if (image_check_aligned(&images[i], path, &images[IMAGE_COLOR], s->files[IMAGE_COLOR]))
+            return EXIT_INPUT;
+        if (i == IMAGE_COLOR && !image_is_finite(&images[i]))
+            return report_error(EXIT_INPUT,
+                                "cannot read '%s': it has no finite value (only NaN or infinity)",
+                                path);
         if (i == IMAGE_NORMAL && image_path_is_integer(path))
             image_decode_signed(&images[i]);
         else if (i != IMAGE_NORMAL && !image_path_is_linear(path))
@@ -184,6 +186,9 @@ static exit_code save(const image *source, image *output, const settings *s)
     image_target target = {source->is_layered ? s->files[IMAGE_COLOR] : NULL};
     image whole;
     image_error error;
+    image_convert_alpha(output, source->alpha,
+                        source->is_layered ? IMAGE_MULTIPLIED : IMAGE_STRAIGHT,
+                        image_path_alpha(s->output));
     if (!image_path_is_linear(s->output))
         image_encode_srgb(output);
     whole = *output; /* borrows pixels and alpha */
@@ -192,9 +197,11 @@ static exit_code save(const image *source, image *output, const settings *s)
     whole.is_layered = source->is_layered;
     whole.part = source->part;
     memcpy(whole.names, source->names, sizeof whole.names);
-    if (image_write(s->output, &whole, &target, &error))
-        return report_error(EXIT_OUTPUT, "cannot write '%s': %s", s->output, error.text);
-    return EXIT_OK;
+    if (!image_write(s->output, &whole, &target, &error))
+        return EXIT_OK;
+    if (platform_interrupted())
+        return report_error(EXIT_INTERRUPTED, "interrupted");
+    return report_error(EXIT_OUTPUT, "cannot write '%s': %s", s->output, error.text);
 }
 
 static exit_code run(const settings *s)

@@ -85,9 +85,9 @@ def read_exr_channels(path: Path) -> dict[str, np.ndarray]:
 
 
 def read_exr(path: Path) -> np.ndarray:
-    """The picture of an EXR: R,G,B, else Y, else X,Y,Z, else its only channels, [H,W,C<=3]."""
+    """The picture of an EXR: R,G,B, else X,Y,Z, else Y, else its only channels, [H,W,C<=3]."""
     channels = read_exr_channels(path)
-    for names in (("R", "G", "B"), ("Y",), ("X", "Y", "Z"), ("Z",)):
+    for names in (("R", "G", "B"), ("X", "Y", "Z"), ("Y",), ("Z",)):
         if all(n in channels for n in names):
             return np.stack([channels[n] for n in names], -1)
     layers = {n.rpartition(".")[0] for n in channels}

@@ -84,6 +84,16 @@ if command -v pkg-config >/dev/null 2>&1; then
     try "pkg-config: lull" $CC -std=c99 "$work/native.c" -o "$work/native" \
         $(pkg-config --cflags --libs lull)
     try "pkg-config: lull runs" "$work/native"
+    unset PKG_CONFIG_SYSROOT_DIR
+    try "a prefix with a space" "${MAKE:-make}" -C "$root" --no-print-directory install \
+        BUILD="$build" prefix="$work/my place"
+    for place in "my place" moved; do # .pc files are found wherever the tree lies
+        [ "$place" != moved ] || mv "$work/my place" "$work/moved"
+        try "pkg-config: $place" sh -c "flags=\$(PKG_CONFIG_PATH='$work/$place/lib/pkgconfig' \
+            pkg-config $([ "$place" != moved ] || echo --define-prefix) --cflags --libs lull) &&
+            eval \"$CC -std=c99 '$work/native.c' -o '$work/native' \$flags\" && '$work/native'"
+    done
+    rm -r "$work/moved"
 else
     skip pkg-config "pkg-config is not installed"
 fi

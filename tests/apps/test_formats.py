@@ -2,6 +2,12 @@
 as they are, the result of a picture in [0, 1] is that picture, but for rounding."""
 
 from __future__ import annotations
+import os
+import shutil
+import subprocess
+import tempfile
+from pathlib import Path
+
 
 import numpy as np
 import OpenEXR
@@ -88,6 +94,50 @@ def test_exr_written_alone(copy, work, exr, channels, names, half):
     assert t.equal(t.stack(result, *names), image.astype(dtype))
 
 
+def test_two_channels_are_read_back(copy, work, exr):
+    image = t.noise(H, W, 2)
+    copy(t.write_pfm(work / "in.pfm", image), work / "two.exr")
+    copy(work / "two.exr", work / "out.pfm")
+    assert t.equal(t.read_pfm(work / "out.pfm"), image)
+
+
+@pytest.mark.parametrize("name", ["a" * 251 + ".pfm", "\u96ea" * 80 + ".pfm"])
+def test_names_as_long_as_names_can_be(copy, work, name):
+    copy(t.write_pfm(work / "in.pfm", t.noise(H, W)), work / name)
+    assert sorted(p.name for p in work.iterdir()) == sorted(["in.pfm", name])
+
+
+def test_links_are_followed(copy, work):
+    """To files that are to be made, too."""
+    t.write_pfm(work / "in.pfm", t.noise(H, W))
+    (work / "folder").mkdir()
+    (work / "link.pfm").symlink_to("folder/next.pfm")
+    (work / "folder" / "next.pfm").symlink_to("real.pfm")
+    for _ in range(2):
+        copy(work / "in.pfm", work / "link.pfm")
+        assert (work / "link.pfm").is_symlink() and (work / "folder" / "next.pfm").is_symlink()
+        assert not (work / "folder" / "real.pfm").is_symlink()
+        assert t.equal(t.read_pfm(work / "folder" / "real.pfm"), t.noise(H, W))
+
+
+@pytest.mark.skipif(os.geteuid() == 0 and not shutil.which("setpriv"),
+                    reason="optional: root may write everything, and setpriv is missing")
+def test_protected_files_stay(build, identity):
+    drop = ["setpriv", "--reuid=65534", "--clear-groups"] if os.geteuid() == 0 else []
+    with tempfile.TemporaryDirectory() as folder:  # that others may enter, as pytest's they may not
+        os.chmod(folder, 0o777)
+        t.write_pfm(Path(folder, "in.pfm"), t.noise(H, W))
+        shutil.copy(identity[3], Path(folder, "w.tza"))
+        shutil.copy(build / "bin" / "oidnDenoise", folder)
+        old = Path(folder, "old.pfm")
+        old.write_text("old")
+        old.chmod(0o444)
+        done = subprocess.run([*drop, "./oidnDenoise", "--hdr", "in.pfm", "-w", "w.tza", "-o",
+                               "old.pfm"], cwd=folder, capture_output=True, text=True, check=False)
+        assert done.returncode == 4 and "old.pfm" in done.stderr, done.stderr
+        assert old.read_text() == "old"
+
+
 def test_exr_of_uint_channels(copy, work, exr):
     codes = np.random.default_rng(1).integers(0, 2, (H, W, 3)).astype(np.uint32)
     copy(t.write_exr(work / "in.exr", t.planes("", codes, dtype=np.uint32)), work / "out.pfm")
@@ -105,6 +155,29 @@ def test_png(copy, work, png, bits, channels, interlaced):
     copy(work / "in.png", work / "out.pfm")
     color = codes[..., : 1 if channels < 3 else 3] / ((1 << bits) - 1)
     assert np.abs(t.read_pfm(work / "out.pfm") - color).max() < 1e-6
+
+
+def test_alpha_of_exr_and_png(copy, denoise, identity, work, exr, png):
+    """EXR files hold colours multiplied by the alpha, PNG files as they are."""
+    alpha = np.random.default_rng(2).integers(1, 5, (H, W)).astype(np.float32) / 4
+    alpha[0] = 0
+    straight = t.noise(H, W).clip(0, 1)
+    channels = t.planes("", straight * alpha[..., None], dtype=np.float32)
+    channels |= {"A": alpha, "Z": alpha + 7}
+    copy(t.write_exr(work / "in.exr", channels), work / "out.png")
+    codes, _ = t.read_png(work / "out.png")
+    assert codes.shape == (H, W, 4)
+    assert np.abs(codes[..., 3] / 255 - alpha).max() < 0.003
+    assert np.abs(codes[1:, :, :3] / 255 - straight[1:]).max() < 0.003
+    copy(work / "out.png", work / "back.exr")
+    back = t.read_exr(work / "back.exr")
+    assert np.abs(back["A"] - alpha).max() < 0.003
+    assert np.abs(t.stack(back, *"RGB") - (codes[..., :3] * codes[..., 3:]) / 255**2).max() < 1e-3
+    copy(work / "in.exr", work / "out.exr")
+    kept = t.read_exr(work / "out.exr")
+    assert t.equal(kept["A"], alpha) and t.equal(kept["Z"], alpha + 7)
+    copy(work / "in.exr", work / "out.pfm")
+    assert np.abs(t.read_pfm(work / "out.pfm") - straight * alpha[..., None]).max() < 1e-6
 
 
 def test_png_palette(copy, work, png):

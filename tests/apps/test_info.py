@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import re
+import subprocess
 
 import numpy as np
 import pytest
@@ -158,3 +160,29 @@ def test_compare_errors(info, work):
     assert info("--compare", "none.pfm", "b.pfm").code == 2
     assert info("none.pfm").code == 2
     assert info("--nonsense").code == 1 and info("--help").code == 1
+
+
+def test_files_without_colour(info, work, exr):
+    images = t.scene(20, 30)
+    channels = t.planes("albedo.", images["albedo"]) | t.planes("normal.", images["normal"], "XYZ")
+    t.write_exr(work / "aux.exr", channels)
+    done = info("aux.exr")
+    assert done.code == 0 and "aux.exr: 30x20, 3 channels\n" in done.out
+    assert "  albedo (albedo.R " in done.out and "  normal (normal.X " in done.out
+    report = info("aux.exr", "--json").json["files"][0]
+    assert report["width"] == 30 and "color" not in report and report["normal"]["type"] == "half"
+    plane = images["albedo"][..., 0]
+    t.write_exr(work / "depth.exr", {"depth.Z": plane, "id.a": plane})
+    done = info("depth.exr")
+    assert done.code == 2 and "no color layer" in done.error
+
+
+def test_text_that_cannot_be_printed(build, work):
+    if not os.path.exists("/dev/full"):
+        pytest.skip("optional: no /dev/full")
+    t.write_pfm(work / "a.pfm", t.noise(4, 4))
+    for arguments in ([], ["a.pfm"], ["--json"]):
+        with open("/dev/full", "w") as full:
+            done = subprocess.run([build / "bin" / "lullInfo", *arguments], stdout=full,
+                                  stderr=subprocess.PIPE, text=True, check=False)
+        assert done.returncode == 4 and "standard output" in done.stderr

@@ -7,6 +7,7 @@ import OpenEXR
 import pytest
 
 from tests.apps import tools as t
+from tests.apps.conftest import runner
 
 H, W = 40, 56
 pytestmark = pytest.mark.usefixtures("exr")
@@ -280,3 +281,22 @@ def test_type_option_changes_only_the_colour(denoise, identity, work):
         "albedo.R": np.float16,
         "N.X": np.float16,
     }
+
+
+@pytest.mark.parametrize("program", ["oidnDenoise", "ynlmdenoise"])
+def test_data_windows_that_differ(build, identity, work, program):
+    """Pictures that do not lie upon each other are refused, even where their sizes are the same."""
+    corners = {"color": (0, 0), "albedo": (3, 2), "same": (0, 0)}
+    for name, (x, y) in corners.items():
+        window = (np.array((x, y), np.int32), np.array((x + W - 1, y + H - 1), np.int32))
+        whole = (np.array((0, 0), np.int32), np.array((99, 99), np.int32))
+        t.write_exr(work / f"{name}.exr", t.planes("", t.noise(H, W)), dataWindow=window,
+                    displayWindow=whole)
+    for albedo, code in (("albedo.exr", 2), ("same.exr", 0)):
+        arguments = {"oidnDenoise": ("--hdr", "color.exr", "--alb", albedo, "-w", identity[6]),
+                     "ynlmdenoise": ("-i", "color.exr", "-a", albedo)}[program]
+        done = runner(build / "bin" / program)(*arguments, "-o", "out.exr")
+        assert done.code == code, done.err
+        if code:
+            assert "albedo.exr" in done.error and "3,2" in done.error and "0,0" in done.error
+            assert not (work / "out.exr").exists()

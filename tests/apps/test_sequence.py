@@ -6,6 +6,7 @@ import os
 import re
 import signal
 import subprocess
+import time
 
 import pytest
 
@@ -95,3 +96,40 @@ def test_interrupt_cancels(build, identity, work):
     assert run.returncode == 130 and err == "Error: interrupted\n"
     assert (work / "out.pfm").read_text() == "old"
     assert sorted(p.name for p in work.iterdir()) == ["in.pfm", "out.pfm"]
+
+
+def save_slowly(build, identity, work):
+    """oidnDenoise at the beginning of a write of a second or more, over a file that is there."""
+    t.write_pfm(work / "in.pfm", t.noise(1800, 1800))
+    (work / "out.exr").write_text("old")
+    command = [build / "bin" / "oidnDenoise", "--hdr", "in.pfm", "-w", identity[3], "-o", "out.exr"]
+    run = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    for line in run.stdout:
+        if "Saving" in line:
+            break
+    while not list(work.glob("lull-*.tmp")) and run.poll() is None:
+        time.sleep(0.002)
+    return run
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_signals_while_saving(build, identity, work, exr, number):
+    with save_slowly(build, identity, work) as run:
+        run.send_signal(number)
+        _, err = run.communicate(timeout=600)
+    assert run.returncode == (130 if number == signal.SIGINT else -number)
+    assert err == ("Error: interrupted\n" if number == signal.SIGINT else "")
+    assert (work / "out.exr").read_text() == "old"
+    assert sorted(p.name for p in work.iterdir()) == ["in.pfm", "out.exr"]
+
+
+def test_files_that_may_not_grow(build, identity, work):
+    """A limit of file sizes is an error as a full disk is."""
+    t.write_pfm(work / "in.pfm", t.noise(64, 64))
+    done = subprocess.run(
+        ["sh", "-c", 'ulimit -f 8; exec "$0" --hdr in.pfm -w "$1" -o out.pfm',
+         build / "bin" / "oidnDenoise", identity[3]],
+        capture_output=True, text=True, check=False,
+    )
+    assert done.returncode == 4 and "File too large" in done.stderr
+    assert [p.name for p in work.iterdir()] == ["in.pfm"]

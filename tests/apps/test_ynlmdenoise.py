@@ -82,3 +82,10 @@ def test_errors(nlm, frame, work):
     assert nlm("-i", "color.pfm", "-o", "out.pfm", "-a", "small.pfm").code == 2
     assert nlm("-i", "color.pfm", "-o", "none/out.pfm").code == 4
     assert nlm("-i", "color.pfm", "-o", "out.jpg").code == 4
+
+
+def test_image_without_a_number(nlm, work):
+    t.write_pfm(work / "color.pfm", np.full((8, 8, 3), np.nan, np.float32))
+    done = nlm("-i", "color.pfm", "-o", "out.pfm")
+    assert done.code == 2 and "color.pfm" in done.error and "no finite value" in done.error
+    assert not (work / "out.pfm").exists()

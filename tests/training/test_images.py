@@ -18,6 +18,16 @@ def test_image_round_trip(tmp_path, ext, tolerance, channels):
     assert [p.name for p in tmp_path.iterdir()] == [f"x.{ext}"]  # no temporary file stays
 
 
+def test_normals_named_xyz(tmp_path):
+    """Y of X,Y,Z is no luminance: three channels, as R,G,B would be."""
+    import OpenEXR
+    normal = np.random.default_rng(0).random((5, 7, 3)).astype(np.float32)
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    planes = {n: np.ascontiguousarray(normal[..., i]) for i, n in enumerate("XYZ")}
+    OpenEXR.File(header, planes).write(str(tmp_path / "n.exr"))
+    assert np.array_equal(read_image(tmp_path / "n.exr"), normal)
+
+
 def test_png_filters_and_depths(tmp_path):
     """Every scan line filter, 16 bit, palette: built by hand."""
     import struct
