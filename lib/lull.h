@@ -3,9 +3,10 @@
  * The core allocates nothing, starts no threads, reads no files, prints nothing and keeps no global
  * state. The caller gives it memory of a size asked for beforehand. Three steps:
  *
- *     model   a weights file (TZA) unpacked and packed for the CPU; read-only afterwards, shared
- * freely plan    the schedule and working memory for one frame size and one model; one run at a
- * time run     denoise a frame, or stream it by rows
+ *     model   a weights file (TZA) unpacked and packed for the CPU; read-only afterwards, so it is
+ *             shared freely
+ *     plan    the schedule and working memory for one frame size and one model; one run at a time
+ *     run     denoise a frame, or stream it by rows
  *
  *     size_t n = lull_model_size(tza, tza_bytes, LULL_PORTS_ALL);
  *     lull_model *model;
@@ -41,8 +42,7 @@ extern "C" {
 /* Largest width and height of a frame in pixels. */
 #define LULL_MAX_SIZE 65536u
 
-/* ---- Errors -------------------------------------------------------------------------------------
- */
+/* ---- Errors ---------------------------------------------------------------------------------- */
 
 typedef enum lull_status {
     LULL_OK = 0,
@@ -61,8 +61,7 @@ typedef enum lull_status {
 /* Static English text of a status, never NULL, for any value. */
 const char *lull_status_text(lull_status status);
 
-/* ---- Ports --------------------------------------------------------------------------------------
- */
+/* ---- Ports ----------------------------------------------------------------------------------- */
 
 /* Sets of ports (implementations for instruction sets) are bit masks, one bit per row of ports.def.
  */
@@ -89,8 +88,7 @@ uint32_t lull_ports_up_to(const char *name, size_t length);
 const char *lull_kernel_name(unsigned index);
 unsigned lull_kernel_port(unsigned index, uint32_t ports);
 
-/* ---- Models -------------------------------------------------------------------------------------
- */
+/* ---- Models ---------------------------------------------------------------------------------- */
 
 typedef struct lull_model lull_model; /* lives at the start of the caller's memory */
 
@@ -116,8 +114,7 @@ lull_status lull_model_init(lull_model **model, void *memory, size_t memory_byte
 
 void lull_model_get_info(const lull_model *model, lull_model_info *info);
 
-/* ---- Frames and plans ---------------------------------------------------------------------------
- */
+/* ---- Frames and plans ------------------------------------------------------------------------ */
 
 /* What the main image holds. It fixes transfer function and clamping (docs/design.md, section 1).
  */
@@ -181,8 +178,7 @@ lull_status lull_plan_init(lull_plan **plan, void *memory, size_t memory_bytes,
 
 void lull_plan_get_info(const lull_plan *plan, lull_plan_info *info);
 
-/* ---- Running ------------------------------------------------------------------------------------
- */
+/* ---- Running --------------------------------------------------------------------------------- */
 
 typedef enum lull_type { LULL_F32 = 0, LULL_F16 = 1 } lull_type;
 
