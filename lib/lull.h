@@ -143,8 +143,8 @@ typedef struct lull_frame {
     unsigned streamed; /* 1: lull_rows will be used. Kernel-prediction models then keep input rows,
                         * too; others do not mind */
     size_t max_bytes;  /* plan memory to keep within; 0: no limit */
-    unsigned row_step; /* rows computed together; 0: chosen. Larger is faster and needs more memory
-                        */
+    unsigned row_step; /* rows computed together; 0: chosen. Larger is faster and needs more memory.
+                        * More than the frame has are all of them, but 32768 at most */
     unsigned strip_width; /* columns computed together; 0: chosen (all if max_bytes permits) */
     unsigned trained_for; /* 0: direct networks see the content's own transfer function; else that
                            * of the content trained_for - 1, for weights made for other content */

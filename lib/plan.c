@@ -20,6 +20,7 @@ static const unsigned steps[] = {16, 8, 4, 2, 1};
 enum { MANY_STEP, FEW_STEP, SMALL_STEP };
 #define FEW_THREADS 4u
 #define STEP_COUNT (sizeof steps / sizeof steps[0])
+#define MOST_ROWS (LULL_MAX_SIZE / 2) /* of a step: rings, which have some more, count in 16 bits */
 
 int lull_plan_is_patched(const lull_plan *plan, unsigned l)
 {
@@ -354,6 +355,13 @@ static unsigned first_step(const lull_plan *plan)
                : FEW_STEP;
 }
 
+/* The row step asked for, but for what a frame has no rows for. */
+static unsigned given_step(const lull_plan *plan)
+{
+    unsigned rows = lull_min_u(plan->frame.row_step, lull_min_u(plan->height, MOST_ROWS));
+    return lull_max_u(rows, 1); /* of an empty frame */
+}
+
 /* Chooses row step and strip width: as asked for, else the fastest that fits. Strips compute their
  * overlaps twice, so small row steps are tried first. */
 static lull_status choose(lull_plan *plan)
@@ -363,7 +371,7 @@ static lull_status choose(lull_plan *plan)
     size_t limit = frame->max_bytes ? frame->max_bytes : (size_t)-1;
     unsigned whole = lull_max_u(plan->width, align);
     for (unsigned i = first_step(plan); i < STEP_COUNT; i++) {
-        plan->row_step = frame->row_step ? frame->row_step : steps[i];
+        plan->row_step = frame->row_step ? given_step(plan) : steps[i];
         plan->strip_width = whole;
         if (frame->strip_width)
             plan->strip_width =

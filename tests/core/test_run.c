@@ -173,6 +173,40 @@ static void same_bytes_for_every_schedule(void)
     free_scene(&s);
 }
 
+/* Steps of more rows than there are are steps of all rows. */
+static void row_steps_end_with_the_frame(void)
+{
+    static const unsigned steps[] = {80, 1000, 32768, 65535, 65536, 70000, UINT32_MAX};
+    static const unsigned heights[] = {0, 1, 77, LULL_MAX_SIZE};
+    lull_model *model = load_model(COLOR_WEIGHTS);
+    for (size_t h = 0; h < sizeof heights / sizeof heights[0]; h++) {
+        scene s = make_scene(5, heights[h], 3);
+        lull_frame frame = lull_frame_default(5, heights[h], LULL_HDR, LULL_HAS_COLOR);
+        size_t bytes = (size_t)5 * heights[h] * 3 * sizeof(float);
+        float *first = malloc(bytes + 1);
+        lull_plan *plan = make_plan(&frame, model);
+        CHECK_EQ(lull_run(plan, &s.images, NULL), LULL_OK);
+        memcpy(first, s.output, bytes);
+        free(plan);
+        for (size_t i = 0; i < sizeof steps / sizeof steps[0]; i++) {
+            lull_plan_info info;
+            frame.row_step = steps[i];
+            plan = make_plan(&frame, model);
+            lull_plan_get_info(plan, &info);
+            CHECK(info.row_step <= steps[i] && info.row_step <= heights[h] / 16 * 16 + 16);
+            if (heights[h] < LULL_MAX_SIZE || steps[i] == UINT32_MAX) {
+                memset(s.output, 0xff, bytes);
+                CHECK_EQ(lull_run(plan, &s.images, NULL), LULL_OK);
+                CHECK(memcmp(first, s.output, bytes) == 0);
+            }
+            free(plan);
+        }
+        free(first);
+        free_scene(&s);
+    }
+    free(model);
+}
+
 static void run_in_place(const char *weights)
 {
     static const unsigned strips[] = {0, 16, 48, 112};
@@ -465,6 +499,7 @@ int main(int argc, char **argv)
 {
     CHECK_MAIN(argc, argv);
     RUN(same_bytes_for_every_schedule);
+    RUN(row_steps_end_with_the_frame);
     RUN(in_place_equals_out_of_place);
     RUN(streamed_rows_equal_a_run);
     RUN(plans_can_be_moved);
