@@ -128,7 +128,8 @@ typedef enum lull_content {
 } lull_content;
 
 /* Images that a frame has. The main image is the colour; without one the albedo; without both the
- * normals (then LULL_LDR is the content). The others are auxiliary. */
+ * normals. The others are auxiliary. The content of a frame without a colour is LULL_LDR, or, if it
+ * has an albedo, LULL_SRGB: lull_plan_init refuses others (ARGUMENT). */
 #define LULL_HAS_COLOR 1u
 #define LULL_HAS_ALBEDO 2u
 #define LULL_HAS_NORMAL 4u

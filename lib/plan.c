@@ -387,13 +387,22 @@ static lull_status choose(lull_plan *plan)
     return LULL_ERROR_MEMORY;
 }
 
+/* 1 if the main image can be of that content: radiance is that of a colour, which alone has an
+ * exposure; albedos may be encoded; normals are what they are. */
+static int is_possible(lull_content content, unsigned features)
+{
+    if (features & LULL_HAS_COLOR || content == LULL_LDR)
+        return 1;
+    return content == LULL_SRGB && features & LULL_HAS_ALBEDO;
+}
+
 static lull_status start(lull_plan *plan, const lull_frame *frame, const lull_model *model)
 {
     unsigned align, features = 0;
     if (!frame || !model || frame->width > LULL_MAX_SIZE || frame->height > LULL_MAX_SIZE ||
         (unsigned)frame->content >= LULL_CONTENT_COUNT || !(frame->features & 7) ||
         frame->features > 7 || frame->threads > 65536 || frame->strip_width > LULL_MAX_SIZE ||
-        frame->trained_for > LULL_CONTENT_COUNT)
+        frame->trained_for > LULL_CONTENT_COUNT || !is_possible(frame->content, frame->features))
         return LULL_ERROR_ARGUMENT;
     for (unsigned i = 0; i < 3; i++)
         features += frame->features >> i & 1;

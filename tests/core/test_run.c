@@ -457,6 +457,42 @@ static void progress_is_monotone_and_cancels(void)
     free_scene(&s);
 }
 
+/* Without a colour there is no radiance to expose. */
+static void content_suits_the_main_image(void)
+{
+    static const unsigned features[] = {LULL_HAS_COLOR, LULL_HAS_ALBEDO, LULL_HAS_NORMAL};
+    static const lull_status expected[3][LULL_CONTENT_COUNT] = {
+        {LULL_OK, LULL_OK, LULL_OK, LULL_OK, LULL_OK},
+        {LULL_ERROR_ARGUMENT, LULL_OK, LULL_OK, LULL_ERROR_ARGUMENT, LULL_ERROR_ARGUMENT},
+        {LULL_ERROR_ARGUMENT, LULL_OK, LULL_ERROR_ARGUMENT, LULL_ERROR_ARGUMENT,
+         LULL_ERROR_ARGUMENT}};
+    lull_model *model = load_model(COLOR_WEIGHTS);
+    scene s = make_scene(20, 20, 3);
+    uint8_t *memory = aligned(1 << 22);
+    for (unsigned f = 0; f < 3; f++)
+        for (unsigned content = 0; content < LULL_CONTENT_COUNT; content++) {
+            const lull_status status = expected[f][content];
+            lull_frame frame = lull_frame_default(20, 20, (lull_content)content, features[f]);
+            lull_images images = {0};
+            lull_plan *plan;
+            CHECK_EQ(lull_plan_size(&frame, model) > 0, status == LULL_OK);
+            CHECK_EQ(lull_plan_minimum(&frame, model) > 0, status == LULL_OK);
+            CHECK_EQ(lull_plan_init(&plan, NULL, 0, &frame, model),
+                     status == LULL_OK ? LULL_ERROR_MEMORY : status);
+            CHECK_EQ(lull_plan_init(&plan, memory, 1 << 22, &frame, model), status);
+            if (status != LULL_OK)
+                continue;
+            *(f == 0 ? &images.color : f == 1 ? &images.albedo : &images.normal) =
+                view(s.feature[f], 3);
+            images.output = s.images.output;
+            images.input_scale = images.calm = NAN;
+            CHECK_EQ(lull_run(plan, &images, NULL), LULL_OK);
+        }
+    free(memory);
+    free(model);
+    free_scene(&s);
+}
+
 static void errors_are_reported(void)
 {
     lull_model *model = load_model(WEIGHTS);
@@ -507,6 +543,7 @@ int main(int argc, char **argv)
     RUN(scale_is_the_run_s);
     RUN(memory_is_known_beforehand);
     RUN(progress_is_monotone_and_cancels);
+    RUN(content_suits_the_main_image);
     RUN(errors_are_reported);
     return check_report();
 }
