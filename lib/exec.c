@@ -289,7 +289,7 @@ static float choose_calm(lull_task *t, const lull_host *host)
     return lull_calm_share(exposure_rows(plan), rows);
 }
 
-/* What is known of the whole frame. */
+/* What is known of the whole frame: into the plan, which what looks at pixels goes by. */
 static void look_over(lull_task *t, const lull_host *host)
 {
     t->plan->scale = choose_scale(t, host);
@@ -310,11 +310,16 @@ lull_status lull_measure(lull_images *images, lull_plan *plan, const lull_host *
 {
     lull_task t = {0};
     lull_status status = begin(&t, plan, images);
+    float scale, calm; /* of the stream that may be under way */
     if (status != LULL_OK)
         return status;
+    scale = plan->scale;
+    calm = plan->calm;
     look_over(&t, host);
     images->input_scale = plan->scale;
     images->calm = plan->calm;
+    plan->scale = scale;
+    plan->calm = calm;
     return LULL_OK;
 }
 

@@ -226,8 +226,8 @@ float lull_autoexposure(const lull_image *color, unsigned width, unsigned height
 
 /* Replaces an input_scale and a calm that are NaN by those that lull_run would use for these
  * images, which must be whole. For hosts that denoise parts of a frame, or one frame several times:
- * all of them then get what the whole would have got. Asks for no progress. Errors: ARGUMENT,
- * IMAGE. */
+ * all of them then get what the whole would have got. Asks for no progress, and leaves a stream that
+ * the plan is in the middle of as it is. Errors: ARGUMENT, IMAGE. */
 lull_status lull_measure(lull_images *images, lull_plan *plan, const lull_host *host);
 
 /* Denoises a frame. Sanitises NaN, infinities and out-of-range values as the content demands.

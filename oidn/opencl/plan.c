@@ -492,7 +492,8 @@ lull_status lull_cl_run(lull_engine_plan *plan, const lull_images *images, const
     r.task.plan = &plan->host;
     r.task.images = &known;
     status = lull_measure(&known, &plan->host, host);
-    plan->schedule.calm = known.calm;
+    plan->host.scale = known.input_scale; /* what the core loads and stores pixels with */
+    plan->host.calm = plan->schedule.calm = known.calm;
     for (y = 0; y < plan->host.frame.height && status == LULL_OK; y += plan->tile_height)
         for (x = 0; x < plan->host.frame.width && status == LULL_OK; x += plan->tile_width) {
             status = run_tile(&r, x, y);

@@ -79,7 +79,22 @@ static const unsigned variants[][5] = {/* threads, row step, strip width, in pla
                                        {1, 0, 0, 0, 0},  {3, 1, 0, 0, 0},  {2, 5, 16, 0, 0},
                                        {1, 16, 32, 1, 0}, {7, 2, 16, 1, 0}, {2, 4, 0, 0, 1}};
 
-/* The same image through lull_rows, seven rows at a time. */
+/* Asks for scale and calm of a picture of other light. */
+static void measure_another(lull_plan *plan, const lull_images *images, const lull_host *host)
+{
+    static float dark[VALUES];
+    lull_images other = *images;
+    lull_image *all[] = {&other.color, &other.albedo, &other.normal, &other.output};
+    for (size_t i = 0; i < VALUES; i++)
+        dark[i] = (float)(i / 3 % 7) * 0.001f;
+    for (unsigned i = 0; i < 4; i++)
+        all[i]->data = all[i]->data ? dark : NULL;
+    other.input_scale = other.calm = NAN;
+    CHECK_EQ(lull_measure(&other, plan, host), LULL_OK);
+}
+
+/* The same image through lull_rows, seven rows at a time, with measurements between them, which
+ * change nothing. */
 static void push_rows(lull_plan *plan, const lull_images *images, const lull_host *host)
 {
     lull_images part = *images;
@@ -89,6 +104,7 @@ static void push_rows(lull_plan *plan, const lull_images *images, const lull_hos
     for (unsigned y = 0, rows, ready; y < HEIGHT; y += rows) {
         rows = HEIGHT - y < 7 ? HEIGHT - y : 7;
         CHECK_EQ(lull_rows(plan, &part, rows, &ready, host), LULL_OK);
+        measure_another(plan, images, host);
         for (unsigned f = 0; f < 3; f++)
             if (all[f]->data)
                 all[f]->data = (float *)all[f]->data + 3 * (size_t)WIDTH * rows;

@@ -252,7 +252,7 @@ static void run_streamed(const char *weights)
     static const unsigned pushes[] = {1, 7, 16, 40, 1000};
     lull_model *model = load_model(weights);
     for (size_t v = 0; v < sizeof pushes / sizeof pushes[0]; v++) {
-        scene s = make_scene(50, 203, 3);
+        scene s = make_scene(50, 203, 3), other = make_scene(50, 203, 3);
         size_t bytes = (size_t)s.width * s.height * 3 * sizeof(float);
         float *whole = malloc(bytes);
         lull_frame frame = lull_frame_default(s.width, s.height, LULL_HDR, ALL_FEATURES);
@@ -276,6 +276,8 @@ static void run_streamed(const char *weights)
             CHECK(ready <= n + info.delay_rows);
             in += n;
             out += ready;
+            other.images.input_scale = other.images.calm = NAN;
+            CHECK_EQ(lull_measure(&other.images, plan, NULL), LULL_OK); /* changes nothing */
             CHECK(in == s.height || out + info.delay_rows + 1 >= in);
         }
         CHECK_EQ(out, s.height);
@@ -283,6 +285,7 @@ static void run_streamed(const char *weights)
         free(whole);
         free(plan);
         free_scene(&s);
+        free_scene(&other);
     }
     free(model);
 }
