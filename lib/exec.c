@@ -1,6 +1,7 @@
 /* Runs a plan: rows in, every layer in turn, rows out. */
 #include "exec.h"
 #include "exposure.h"
+#include "image.h"
 
 static void parallel(const lull_plan *plan, const lull_host *host, unsigned count,
                      void (*body)(void *, unsigned, unsigned), lull_task *t)
@@ -241,6 +242,22 @@ static lull_status check_images(const lull_plan *plan, const lull_images *images
     return LULL_OK;
 }
 
+/* The output lies apart from the inputs, or in the place of some if the plan is made for that: each
+ * pixel is then read, once and for all, before it is written. */
+static lull_status check_overlap(const lull_plan *plan, const lull_images *images)
+{
+    unsigned width = plan->frame.width, height = plan->frame.height;
+    for (unsigned feature = 0; feature < 3; feature++) {
+        const lull_image *image = lull_exec_feature(images, feature);
+        if (!(plan->frame.features >> feature & 1) ||
+            !lull_image_overlaps(&images->output, image, width, height))
+            continue;
+        if (!plan->frame.in_place || !lull_image_is_in_place(&images->output, image, width, height))
+            return LULL_ERROR_IMAGE;
+    }
+    return LULL_OK;
+}
+
 /* The rows of auto-exposure bins; afterwards those of calm cells are in their place. */
 static void *exposure_rows(const lull_plan *plan)
 {
@@ -328,6 +345,9 @@ lull_status lull_run(lull_plan *plan, const lull_images *images, const lull_host
     lull_task t = {0};
     lull_status status = begin(&t, plan, images);
     if (status != LULL_OK || !plan->frame.width || !plan->frame.height)
+        return status;
+    status = check_overlap(plan, images);
+    if (status != LULL_OK)
         return status;
     if (host && host->progress && !host->progress(host->user, 0.0))
         return LULL_CANCELLED;

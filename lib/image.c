@@ -89,6 +89,46 @@ uint8_t *lull_image_pixel(const lull_image *image, unsigned width, unsigned x, u
            + (size_t)x * lull_image_pixel_stride(image);
 }
 
+int lull_image_is_in_place(const lull_image *a, const lull_image *b, unsigned width,
+                           unsigned height)
+{
+    return a->data == b->data &&
+           (width == 1 || lull_image_pixel_stride(a) == lull_image_pixel_stride(b)) &&
+           (height == 1 || lull_image_row_stride(a, width) == lull_image_row_stride(b, width));
+}
+
+/* Bytes from the first pixel of a row to the end of the last. */
+static size_t row_span(const lull_image *image, unsigned width)
+{
+    return (width - 1) * lull_image_pixel_stride(image) + lull_image_pixel_bytes(image);
+}
+
+/* 1 if rows of b, which begin `ahead` bytes after those of a, end before the next ones of a, and do
+ * not meet them: they lie behind them, or their pixels between those of a. */
+static int is_between(const lull_image *a, const lull_image *b, size_t ahead, unsigned width)
+{
+    size_t stride = lull_image_pixel_stride(a), within = ahead % stride;
+    if (ahead + row_span(b, width) > lull_image_row_stride(a, width))
+        return 0;
+    return row_span(a, width) <= ahead ||
+           (stride == lull_image_pixel_stride(b) && lull_image_pixel_bytes(a) <= within &&
+            within + lull_image_pixel_bytes(b) <= stride);
+}
+
+int lull_image_overlaps(const lull_image *a, const lull_image *b, unsigned width, unsigned height)
+{
+    const lull_image *low = (uintptr_t)a->data <= (uintptr_t)b->data ? a : b;
+    const lull_image *high = low == a ? b : a;
+    size_t row = lull_image_row_stride(low, width);
+    size_t ahead = (size_t)((uintptr_t)high->data - (uintptr_t)low->data);
+    if (ahead >= (height - 1) * row + row_span(low, width))
+        return 0;
+    if (row != lull_image_row_stride(high, width))
+        return 1;
+    ahead %= row;
+    return !is_between(low, high, ahead, width) && !is_between(high, low, row - ahead, width);
+}
+
 static int is_tight(const lull_image *image, lull_type type)
 {
     return image->type == type && image->channels == 3

@@ -21,6 +21,14 @@ uint8_t *lull_image_pixel(const lull_image *image, unsigned width, unsigned x, u
 /* The same if the row is tight (r,g,b) floats where a float may stand; else NULL. */
 float *lull_image_floats(const lull_image *image, unsigned width, unsigned x, unsigned y);
 
+/* 1 if pixel (x, y) of both begins at the same address, for all pixels of images of this size. */
+int lull_image_is_in_place(const lull_image *a, const lull_image *b, unsigned width,
+                           unsigned height);
+
+/* 0 if no pixels of both share bytes: one lies behind the other, or, where strides are the same,
+ * its rows or pixels between those of the other. */
+int lull_image_overlaps(const lull_image *a, const lull_image *b, unsigned width, unsigned height);
+
 /* Columns [x, x+n) of row y into out[0..3n) as (r,g,b) floats, unchanged (NaN and infinities too).
  * `width`: of the whole image, for the default row stride. */
 void lull_image_load(float *out, const lull_image *image, unsigned width, unsigned x, unsigned y,

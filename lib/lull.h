@@ -53,7 +53,8 @@ typedef enum lull_status {
     LULL_ERROR_VERSION,     /* the TZA file has an unknown major version */
     LULL_ERROR_NETWORK,     /* tensors missing, of wrong shape or type, or of no known network */
     LULL_ERROR_FEATURES,    /* the model was trained for other inputs than the frame has */
-    LULL_ERROR_IMAGE,       /* an image is missing, or its format does not suit the frame */
+    LULL_ERROR_IMAGE,       /* an image is missing, its format does not suit the frame, or the
+                             * output overlaps an input otherwise than in_place allows */
     LULL_ERROR_UNSUPPORTED, /* valid, but not available here (e.g. rows of a plan with strips) */
     LULL_STATUS_COUNT
 } lull_status;
@@ -139,8 +140,10 @@ typedef struct lull_frame {
     lull_content content;
     unsigned features; /* LULL_HAS_* */
     unsigned threads;  /* workers that run() may use at once; 0 is 1 */
-    unsigned in_place; /* 1: the output may overlap an input image. Kernel-prediction models then
-                        * keep input rows that else they read a second time */
+    unsigned in_place; /* 1: the output may be in the place of input images: with the same first
+                        * pixel and the same strides. Kernel-prediction models then keep input rows
+                        * that else they read a second time. No other overlap is allowed; pixels or
+                        * rows between those of an input do not overlap it */
     unsigned streamed; /* 1: lull_rows will be used. Kernel-prediction models then keep input rows,
                         * too; others do not mind */
     size_t max_bytes;  /* plan memory to keep within; 0: no limit */
@@ -226,8 +229,8 @@ float lull_autoexposure(const lull_image *color, unsigned width, unsigned height
 
 /* Replaces an input_scale and a calm that are NaN by those that lull_run would use for these
  * images, which must be whole. For hosts that denoise parts of a frame, or one frame several times:
- * all of them then get what the whole would have got. Asks for no progress, and leaves a stream that
- * the plan is in the middle of as it is. Errors: ARGUMENT, IMAGE. */
+ * all of them then get what the whole would have got. Asks for no progress, and leaves a stream
+ * that the plan is in the middle of as it is. Errors: ARGUMENT, IMAGE. */
 lull_status lull_measure(lull_images *images, lull_plan *plan, const lull_host *host);
 
 /* Denoises a frame. Sanitises NaN, infinities and out-of-range values as the content demands.
@@ -239,7 +242,8 @@ lull_status lull_run(lull_plan *plan, const lull_images *images, const lull_host
  * lull_images (NaN: scale 1, calm 0). Each lull_rows call then takes the next `rows` rows of the
  * inputs, at the start of the images given, and stores at the start of images->output the output
  * rows that became ready: *ready of them, at most rows + delay_rows. The last input row releases
- * all the remaining output rows. */
+ * all the remaining output rows. Output rows must not overlap input rows of the same call, unless
+ * both are in one picture, where output row y is in the place of input row y (not checked). */
 lull_status lull_rows_begin(lull_plan *plan, float input_scale, float calm);
 lull_status lull_rows(lull_plan *plan, const lull_images *images, unsigned rows, unsigned *ready,
                       const lull_host *host);

@@ -77,7 +77,8 @@ static const run_case cases[] = {{7, LULL_HDR, "out_7_hdr.f32"},
 
 static const unsigned variants[][5] = {/* threads, row step, strip width, in place, streamed */
                                        {1, 0, 0, 0, 0},  {3, 1, 0, 0, 0},  {2, 5, 16, 0, 0},
-                                       {1, 16, 32, 1, 0}, {7, 2, 16, 1, 0}, {2, 4, 0, 0, 1}};
+                                       {1, 16, 32, 1, 0}, {7, 2, 16, 1, 0}, {2, 4, 0, 0, 1},
+                                       {3, 2, 0, 1, 1}};
 
 /* Asks for scale and calm of a picture of other light. */
 static void measure_another(lull_plan *plan, const lull_images *images, const lull_host *host)

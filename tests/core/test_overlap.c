@@ -1,0 +1,145 @@
+/* Which overlaps of output and input lull_run takes, and that it is right where it does. */
+#define _POSIX_C_SOURCE 200809L
+#include <math.h>
+#include <stdlib.h>
+
+#include "check.h"
+#include "lull.h"
+
+#define WEIGHTS "tests/golden/unet_3_eights/weights.tza"
+#define ROOM 60000 /* bytes that any of the cases has its pixels in */
+
+enum { W = 20, H = 40, ROW = 12 * W, PIXELS = W * H };
+
+typedef struct overlap_case {
+    const char *name;
+    size_t input, output; /* offsets of the first pixels */
+    size_t input_pixel, output_pixel, row;
+    lull_type type; /* of the output */
+    enum { NEVER, IN_PLACE, ALWAYS } allowed;
+} overlap_case;
+
+static const overlap_case cases[] = {
+    {"same place", 999, 999, 0, 0, 0, LULL_F32, IN_PLACE},
+    {"halves in the place of floats", 0, 0, 12, 12, 0, LULL_F16, IN_PLACE},
+    {"halves over floats", 0, 0, 0, 0, 0, LULL_F16, NEVER},
+    {"other pixel strides", 0, 0, 12, 16, 500, LULL_F32, NEVER},
+    {"a row later", 0, ROW, 0, 0, 0, LULL_F32, NEVER},
+    {"a row earlier", ROW, 0, 0, 0, 0, LULL_F32, NEVER},
+    {"a byte later", 0, 1, 0, 0, 0, LULL_F32, NEVER},
+    {"a value later", 0, 4, 16, 16, 0, LULL_F32, NEVER},
+    {"the last row is the first", 0, ROW * (H - 1), 0, 0, 0, LULL_F32, NEVER},
+    {"behind", 0, ROW * H, 0, 0, 0, LULL_F32, ALWAYS},
+    {"before", ROW * H, 0, 0, 0, 0, LULL_F32, ALWAYS},
+    {"pixels by turns", 0, 12, 24, 24, 0, LULL_F32, ALWAYS},
+    {"pixels by turns, the output first", 12, 0, 24, 24, 0, LULL_F32, ALWAYS},
+    {"pixels by turns, rows apart", 4, 20, 33, 33, 33 * W + 7, LULL_F16, ALWAYS},
+    {"rows by turns", 0, 300, 0, 0, 600, LULL_F32, ALWAYS},
+    {"rows by turns, the output first", 300, 0, 0, 13, 600, LULL_F32, ALWAYS},
+    {"side by side", ROW, 0, 0, 0, 2 * ROW, LULL_F32, ALWAYS},
+    {"side by side, rows later", 0, 7 * 500 + ROW, 0, 0, 500, LULL_F32, ALWAYS},
+    {"the last column is the first", 0, ROW - 12, 0, 0, 2 * ROW, LULL_F32, NEVER},
+    {"side by side, pixels by turns", 24 * W, 5 * 999 + 12, 24, 24, 999, LULL_F32, ALWAYS},
+};
+
+static void *aligned(size_t bytes)
+{
+    void *p = NULL;
+    return posix_memalign(&p, LULL_ALIGN, bytes) ? NULL : p;
+}
+
+static lull_model *load_model(void)
+{
+    static uint8_t data[1 << 20];
+    FILE *file = fopen(WEIGHTS, "rb");
+    lull_model *model = NULL;
+    size_t bytes, model_bytes;
+    if (!CHECK(file != NULL))
+        exit(1);
+    bytes = fread(data, 1, sizeof data, file);
+    fclose(file);
+    model_bytes = lull_model_size(data, bytes, LULL_PORTS_ALL);
+    CHECK_EQ(
+        lull_model_init(&model, aligned(model_bytes), model_bytes, data, bytes, LULL_PORTS_ALL),
+        LULL_OK);
+    return model;
+}
+
+/* Moves the pixels of a tight picture to where a case has them, or back. */
+static void move_pixels(uint8_t *memory, uint8_t *tight, size_t pixel, size_t stride, size_t row,
+                        int is_back)
+{
+    stride = stride ? stride : pixel;
+    row = row ? row : W * stride;
+    for (size_t y = 0; y < H; y++)
+        for (size_t x = 0; x < W; x++, tight += pixel) {
+            uint8_t *at = memory + y * row + x * stride;
+            memcpy(is_back ? tight : at, is_back ? at : tight, pixel);
+        }
+}
+
+static lull_status run(const lull_model *model, const lull_images *images, unsigned in_place,
+                       unsigned strip_width)
+{
+    lull_frame frame = lull_frame_default(W, H, LULL_HDR, LULL_HAS_COLOR);
+    lull_plan *plan = NULL;
+    lull_status status;
+    size_t bytes;
+    frame.in_place = in_place;
+    frame.strip_width = strip_width;
+    bytes = lull_plan_size(&frame, model);
+    CHECK_EQ(lull_plan_init(&plan, aligned(bytes), bytes, &frame, model), LULL_OK);
+    status = lull_run(plan, images, NULL);
+    free(plan);
+    return status;
+}
+
+static void check_case(const overlap_case *c, const lull_model *model, float *picture,
+                       unsigned in_place, unsigned strip_width)
+{
+    static uint8_t memory[ROOM], expected[12 * PIXELS], found[12 * PIXELS];
+    const size_t pixel = c->type == LULL_F16 ? 6 : 12;
+    const int is_allowed = c->allowed == ALWAYS || (c->allowed == IN_PLACE && in_place);
+    lull_images images = {0};
+    int is_ok;
+    images.color.data = picture;
+    images.color.channels = images.output.channels = 3;
+    images.output.data = expected;
+    images.output.type = c->type;
+    images.input_scale = images.calm = NAN;
+    CHECK_EQ(run(model, &images, 0, 0), LULL_OK);
+    memset(memory, 0, ROOM);
+    move_pixels(memory + c->input, (uint8_t *)picture, 12, c->input_pixel, c->row, 0);
+    images.color.data = memory + c->input;
+    images.color.pixel_stride = c->input_pixel;
+    images.output.data = memory + c->output;
+    images.output.pixel_stride = c->output_pixel;
+    images.color.row_stride = images.output.row_stride = c->row;
+    is_ok = CHECK_EQ(run(model, &images, in_place, strip_width),
+                     is_allowed ? LULL_OK : LULL_ERROR_IMAGE);
+    if (is_allowed) {
+        move_pixels(memory + c->output, found, pixel, c->output_pixel, c->row, 1);
+        is_ok &= CHECK(memcmp(expected, found, pixel * PIXELS) == 0);
+    }
+    if (!is_ok)
+        printf("  %s%s\n", c->name, in_place ? ", in place" : "");
+}
+
+static void overlap_is_in_place_or_refused(void)
+{
+    static float picture[3 * PIXELS];
+    lull_model *model = load_model();
+    for (unsigned i = 0; i < 3 * PIXELS; i++)
+        picture[i] = (float)(i * 2654435761u >> 7 & 1023u) / 512.0f;
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++)
+        for (unsigned variant = 0; variant < 4; variant++)
+            check_case(&cases[i], model, picture, variant & 1, variant & 2 ? 16 : 0);
+    free(model);
+}
+
+int main(int argc, char **argv)
+{
+    CHECK_MAIN(argc, argv);
+    RUN(overlap_is_in_place_or_refused);
+    return check_report();
+}
