@@ -93,7 +93,7 @@ bool lull_image_param_make(lull_image_param *image, OIDNBuffer buffer, void *poi
     image->row_stride = row_stride;
     if (!lay_out(image, pixel_bytes, fault))
         return false;
-    if (!add_product(&end, offset, 1, image->span))
+    if (!add_product(&end, offset, 1, image->span) || (uintptr_t)pointer > UINTPTR_MAX - end)
         return lull_fail(fault, OIDN_ERROR_INVALID_ARGUMENT, "image region is out of range");
     if (buffer && end > buffer->bytes)
         return lull_fail(

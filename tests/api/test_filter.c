@@ -282,6 +282,10 @@ static void shared_image_rules(void)
         {0, 26754, 26754, 0, OIDN_FORMAT_FLOAT3, NONE},
         {0, 26755, 26755, 0, OIDN_FORMAT_FLOAT3, ARGUMENT},
         {1, 1, 1, SIZE_MAX - 11, OIDN_FORMAT_FLOAT3, ARGUMENT},
+        {0, 24, 0, SIZE_MAX - 14, OIDN_FORMAT_FLOAT2, ARGUMENT}, /* empty, but nowhere */
+        {0, 0, 0, SIZE_MAX, OIDN_FORMAT_FLOAT3, ARGUMENT},
+        {0, 4, 3, SIZE_MAX - 999, OIDN_FORMAT_UNDEFINED, ARGUMENT},
+        {0, 1, 1, SIZE_MAX - 99, OIDN_FORMAT_FLOAT3, ARGUMENT},
     };
     OIDNDevice device = new_device();
     OIDNFilter filter = oidnNewFilter(device, "RT");
