@@ -25,6 +25,7 @@ static OIDNBuffer new_buffer(OIDNDevice device, void *data, size_t bytes, OIDNSt
     }
     buffer->refs = 1;
     buffer->users = 1;
+    lull_atomic_add(&device->users, 1);
     buffer->device = device;
     buffer->data = data;
     buffer->bytes = bytes;
@@ -134,6 +135,20 @@ void lull_buffer_drop(OIDNBuffer buffer)
     lull_device_drop(device);
 }
 
+void lull_buffer_attach(OIDNBuffer buffer)
+{
+    if (buffer)
+        lull_atomic_add(&buffer->attached, 1);
+    lull_buffer_hold(buffer);
+}
+
+void lull_buffer_detach(OIDNBuffer buffer)
+{
+    if (buffer)
+        lull_atomic_add(&buffer->attached, (uint32_t)-1);
+    lull_buffer_drop(buffer);
+}
+
 OIDN_API void oidnRetainBuffer(OIDNBuffer buffer)
 {
     if (buffer) {
@@ -144,22 +159,27 @@ OIDN_API void oidnRetainBuffer(OIDNBuffer buffer)
     }
 }
 
-/* Lets go of a handle; whether it was the last one. */
-static bool drop_handle(OIDNBuffer buffer)
-{
-    return buffer && lull_atomic_add(&buffer->users, (uint32_t)-1) == 1;
-}
-
-/* The caller may free the memory behind a shared buffer after this, so work that uses it must be
- * over. */
-OIDN_API void oidnReleaseBuffer(OIDNBuffer buffer)
+/* Waits after the last handle: the caller may then free what copies come from and go to, and the
+ * memory behind a shared buffer. A buffer that filters have lives on, and releasing those waits for
+ * the copies: only the memory of a shared one may go before. */
+static void finish_work(OIDNBuffer buffer)
 {
     lull_fault ignored = {OIDN_ERROR_NONE, ""};
+    const bool is_last = lull_atomic_add(&buffer->device->users, (uint32_t)-1) == 1;
+
+    if (is_last || !lull_atomic_load(&buffer->attached))
+        lull_queue_finish(buffer->device);
+    else if (!buffer->owned)
+        lull_queue_wait(buffer->device, buffer->last_job, &ignored);
+}
+
+OIDN_API void oidnReleaseBuffer(OIDNBuffer buffer)
+{
     lull_call call;
 
-    if (lull_call_begin(&call, buffer ? buffer->device : NULL) && drop_handle(buffer) &&
-        !buffer->owned)
-        lull_queue_wait(buffer->device, buffer->last_job, &ignored);
+    if (lull_call_begin(&call, buffer ? buffer->device : NULL) &&
+        lull_atomic_add(&buffer->users, (uint32_t)-1) == 1)
+        finish_work(buffer);
     if (lull_call_end(&call))
         lull_buffer_drop(buffer);
 }

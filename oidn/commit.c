@@ -280,8 +280,8 @@ static void publish_images(OIDNFilter filter)
         const lull_image_param *image = &filter->images[i];
         const bool used = i == LULL_OUTPUT || filter->frame.features >> i & 1;
 
-        lull_buffer_hold(used ? image->buffer : NULL);
-        lull_buffer_drop(filter->committed_buffers[i]);
+        lull_buffer_attach(used ? image->buffer : NULL);
+        lull_buffer_detach(filter->committed_buffers[i]);
         filter->committed_buffers[i] = used ? image->buffer : NULL;
         if (!used)
             continue;

@@ -54,6 +54,7 @@ static OIDNDevice new_cpu_device(void)
         return NULL;
     }
     device->refs = 1;
+    device->users = 1;
     lull_mutex_init(&device->lock);
     lull_errors_init(&device->errors);
     lull_params_reset(device->values);
@@ -150,18 +151,34 @@ OIDN_API const char *lull_device_name(OIDNDevice device)
 
 OIDN_API void oidnRetainDevice(OIDNDevice device)
 {
-    if (device)
+    if (device) {
+        lull_atomic_add(&device->users, 1);
         lull_device_hold(device);
-    else
+    } else {
         lull_global_error(OIDN_ERROR_INVALID_ARGUMENT, "handle is null");
+    }
+}
+
+/* After the last handle: the caller may then unload the library. There is work still where others
+ * went inside a progress function. */
+static void finish_work(OIDNDevice device)
+{
+    lull_call call;
+
+    if (lull_call_begin(&call, device))
+        lull_queue_finish(device);
+    lull_call_end(&call);
 }
 
 OIDN_API void oidnReleaseDevice(OIDNDevice device)
 {
-    if (device)
+    if (device) {
+        if (lull_atomic_add(&device->users, (uint32_t)-1) == 1)
+            finish_work(device);
         lull_device_drop(device);
-    else
+    } else {
         lull_global_error(OIDN_ERROR_INVALID_ARGUMENT, "handle is null");
+    }
 }
 
 /* ---- Parameters ------------------------------------------------------------------------------ */

@@ -30,6 +30,7 @@ static OIDNFilter new_filter(OIDNDevice device, const char *type, lull_fault *fa
     }
     filter->refs = 1;
     filter->users = 1;
+    lull_atomic_add(&device->users, 1);
     filter->device = device;
     filter->type = owner;
     filter->dirty = true;
@@ -60,8 +61,8 @@ void lull_filter_drop(OIDNFilter filter)
     lull_filter_free_plan(filter);
     lull_weights_free(&filter->weights);
     for (i = 0; i < LULL_IMAGES; i++) {
-        lull_buffer_drop(filter->images[i].buffer);
-        lull_buffer_drop(filter->committed_buffers[i]);
+        lull_buffer_detach(filter->images[i].buffer);
+        lull_buffer_detach(filter->committed_buffers[i]);
     }
     lull_os_free(filter);
     lull_device_drop(device);
@@ -77,16 +78,17 @@ OIDN_API void oidnRetainFilter(OIDNFilter filter)
     }
 }
 
-/* The last handle waits for the filter's work: the caller may then free the images. A progress
- * function cannot wait; its filter lives until the work is over. */
+/* The last handle waits for all work: the caller may then free the images, and what copies of them
+ * come from and go to. A progress function cannot wait; its filter lives until the work is over. */
 OIDN_API void oidnReleaseFilter(OIDNFilter filter)
 {
-    lull_fault ignored = {OIDN_ERROR_NONE, ""};
     lull_call call;
 
     if (lull_call_begin(&call, device_of(filter)) &&
-        lull_atomic_add(&filter->users, (uint32_t)-1) == 1)
-        lull_queue_wait(filter->device, filter->last_job, &ignored);
+        lull_atomic_add(&filter->users, (uint32_t)-1) == 1) {
+        lull_atomic_add(&filter->device->users, (uint32_t)-1);
+        lull_queue_finish(filter->device);
+    }
     if (lull_call_end(&call))
         lull_filter_drop(filter);
 }
@@ -107,8 +109,8 @@ static void set_image(OIDNFilter filter, const char *name, const lull_image_para
     }
     to = &filter->images[param->slot - lull_value_color];
     if (image->set)
-        lull_buffer_hold(image->buffer);
-    lull_buffer_drop(to->buffer);
+        lull_buffer_attach(image->buffer);
+    lull_buffer_detach(to->buffer);
     memset(to, 0, sizeof *to);
     if (image->set)
         *to = *image;

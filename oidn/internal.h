@@ -4,7 +4,9 @@
  * reached from a device, filter or buffer is guarded by it unless said otherwise. It is not held
  * while a blocking call waits for the queue, so progress functions may use the API. Lifetime:
  * objects are counted; filters, buffers and semaphores hold their device, image parameters and
- * queued work hold their buffers, queued work holds its filter. */
+ * queued work hold their buffers, queued work holds its filter. Handles are counted, too: who lets
+ * go of the last one of an object waits for all queued work, for it may then free what that uses,
+ * or unload the library. */
 #ifndef LULL_OIDN_INTERNAL_H
 #define LULL_OIDN_INTERNAL_H
 
@@ -188,6 +190,10 @@ bool lull_queue_take_fault(OIDNDevice device, lull_fault *fault);
 /* Waits for all jobs and takes their error. */
 bool lull_queue_sync(OIDNDevice device, lull_fault *fault);
 
+/* Waits for all jobs before an object is let go of. A progress function goes on at once: its work
+ * holds what it needs. */
+void lull_queue_finish(OIDNDevice device);
+
 /* Whether the caller is inside a job, i.e. in a progress function. */
 bool lull_queue_is_self(const lull_queue *queue);
 
@@ -235,6 +241,7 @@ typedef struct lull_weights {
 
 struct OIDNDeviceImpl {
     lull_atomic refs;
+    lull_atomic users; /* handles of the device, and filters and buffers that have handles */
     lull_mutex lock;
     lull_errors errors;
     lull_value values[LULL_SLOTS];
@@ -254,8 +261,9 @@ struct OIDNBufferImpl {
     size_t bytes;
     OIDNStorage storage;
     bool owned;
-    lull_atomic users; /* handles; `refs` counts these, image parameters and queued work */
-    uint64_t last_job; /* number of the last job that uses it */
+    lull_atomic users;    /* handles; `refs` counts these, image parameters and queued work */
+    lull_atomic attached; /* image parameters that have it, set or committed */
+    uint64_t last_job;    /* number of the last job that uses it */
 };
 
 typedef struct lull_image_param {
@@ -355,8 +363,10 @@ bool lull_device_ready(OIDNDevice device, lull_fault *fault);
 void lull_device_hold(OIDNDevice device);
 void lull_device_drop(OIDNDevice device);
 void lull_device_destroy(OIDNDevice device); /* by the queue's thread, once abandoned */
-void lull_buffer_hold(OIDNBuffer buffer);    /* NULL is allowed */
+void lull_buffer_hold(OIDNBuffer buffer);    /* here and in the next three NULL is allowed */
 void lull_buffer_drop(OIDNBuffer buffer);
+void lull_buffer_attach(OIDNBuffer buffer); /* holds it for an image parameter */
+void lull_buffer_detach(OIDNBuffer buffer);
 void lull_filter_drop(OIDNFilter filter); /* one of `refs` */
 
 /* ---- Filters --------------------------------------------------------------------------------- */

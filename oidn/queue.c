@@ -113,9 +113,14 @@ static uint64_t finished_jobs(lull_queue *queue)
     return n;
 }
 
+/* What was queued before a fork is the parent's: its child never does it, and may have the mutex
+ * locked. */
 bool lull_queue_is_done(OIDNDevice device, uint64_t number)
 {
-    return !device->committed || number <= finished_jobs(&device->queue);
+    lull_queue *queue = &device->queue;
+
+    return !device->committed || queue->process != lull_process_id() ||
+           number <= finished_jobs(queue);
 }
 
 bool lull_queue_wait(OIDNDevice device, uint64_t number, lull_fault *fault)
@@ -170,6 +175,13 @@ bool lull_queue_sync(OIDNDevice device, lull_fault *fault)
 {
     return lull_queue_wait(device, device->queue.tail, fault) &&
            lull_queue_take_fault(device, fault);
+}
+
+void lull_queue_finish(OIDNDevice device)
+{
+    lull_fault ignored = {OIDN_ERROR_NONE, ""};
+
+    lull_queue_wait(device, device->queue.tail, &ignored);
 }
 
 bool lull_queue_take_fault(OIDNDevice device, lull_fault *fault)

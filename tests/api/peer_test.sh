@@ -75,7 +75,7 @@ if [ "${1:-}" = --sanitize ]; then
     official_test "oidnTest, sanitized" LD_PRELOAD="$(${CC:-cc} -print-file-name=libasan.so)" \
         ASAN_OPTIONS=detect_leaks=0:allocator_may_return_null=1 UBSAN_OPTIONS=halt_on_error=1
     # The thread sanitizer wants the whole program built with it.
-    races="test_async test_device test_process test_fuzz_api"
+    races="test_async test_release test_device test_process test_fuzz_api"
     for program in $races; do
         make -C "$root" --no-print-directory SAN=thread "build/san-thread/test/$program"
         try "thread sanitizer: $program" env TSAN_OPTIONS=halt_on_error=1 \

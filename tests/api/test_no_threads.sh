@@ -27,8 +27,8 @@ if nm -u "$work"/oidn/*.o | grep -E 'pthread_|sem_'; then
 else
     passed=$((passed + 1))
 fi
-for program in test_device test_buffer test_filter test_commit test_async test_images \
-    test_process test_memory test_auto; do
+for program in test_device test_buffer test_filter test_commit test_async test_release \
+    test_images test_process test_memory test_auto; do
     wrap=
     if [ $program = test_memory ]; then wrap="-Wl,--wrap=malloc,--wrap=free"; fi
     # shellcheck disable=SC2086

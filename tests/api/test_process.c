@@ -320,6 +320,80 @@ static void fork_and_go_on(void)
     free(forked.out);
 }
 
+#if LULL_WITH_THREADS
+
+/* Work that is not over before the test says so. */
+static struct {
+    pthread_mutex_t mutex;
+    bool open;
+    OIDNBuffer buffer;
+} busy = {PTHREAD_MUTEX_INITIALIZER, false, NULL};
+
+static bool wait_until_open(void *user, double n)
+{
+    bool open = false;
+
+    (void)user;
+    while (n == 0 && !open) {
+        usleep(1000);
+        pthread_mutex_lock(&busy.mutex);
+        open = busy.open;
+        pthread_mutex_unlock(&busy.mutex);
+    }
+    return true;
+}
+
+static int release_busy(void)
+{
+    alarm(60);
+    oidnReleaseBuffer(busy.buffer);
+    return release_forked();
+}
+
+static int run_busy(void)
+{
+    alarm(60);
+    oidnSetFilterProgressMonitorFunction(forked.filter, NULL, NULL);
+    return run_forked() || release_busy();
+}
+
+/* A child neither waits for work that its parent had queued, nor does it. */
+static void fork_with_work_queued(void)
+{
+    char byte = 1;
+
+    if (is_peer()) {
+        SKIP("optional: Open Image Denoise hangs in forked children");
+        return;
+    }
+    if (UNDER_TSAN) {
+        SKIP("optional: the thread sanitizer allows no threads in forked children");
+        return;
+    }
+    forked.device = new_device();
+    forked.in = noise_image(N, 31);
+    forked.out = noise_image(N, 32);
+    forked.filter = new_identity(forked.device, forked.in, forked.out, W, H);
+    busy.buffer = oidnNewBuffer(forked.device, 1);
+    *(char *)oidnGetBufferData(busy.buffer) = 7;
+    oidnSetFilterProgressMonitorFunction(forked.filter, wait_until_open, NULL);
+    oidnExecuteFilterAsync(forked.filter);
+    oidnReadBufferAsync(busy.buffer, 0, 1, &byte);
+    CHECK_EQ(in_child(NULL, NULL, release_busy), 0);
+    CHECK_EQ(in_child(NULL, NULL, run_busy), 0);
+    pthread_mutex_lock(&busy.mutex);
+    busy.open = true;
+    pthread_mutex_unlock(&busy.mutex);
+    release_busy();
+    CHECK_EQ(byte, 7);
+    CHECK(difference(forked.in, forked.out, N) < 1e-3f);
+    free(forked.in);
+    free(forked.out);
+    alarm(0);
+}
+
+#endif
+
 int main(int argc, char **argv)
 {
     CHECK_MAIN(argc, argv);
@@ -331,6 +405,9 @@ int main(int argc, char **argv)
 #endif
     RUN(environment);
     RUN(fork_and_go_on);
+#if LULL_WITH_THREADS
+    RUN(fork_with_work_queued);
+#endif
     free_identity();
     return check_report();
 }

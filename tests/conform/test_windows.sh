@@ -11,7 +11,7 @@ jobs=${JOBS:-$(getconf _NPROCESSORS_ONLN 2>/dev/null || echo 2)}
 folder=$build/cross-windows
 prefix=x86_64-w64-mingw32
 programs="test_transfer test_image test_exposure test_tza test_device test_buffer test_filter
-test_images test_async"
+test_images test_async test_release"
 passed=0 failed=0 skipped=0
 
 ok() { passed=$((passed + 1)); }

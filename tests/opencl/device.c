@@ -283,6 +283,40 @@ static void release_orders(void)
     free(out);
 }
 
+static bool take_time(void *user, double n)
+{
+    (void)user;
+    if (n == 0)
+        usleep(50000);
+    return true;
+}
+
+/* Last handles wait for copies from and to the caller's memory. */
+static void releasing_waits(void)
+{
+    const size_t bytes = N * sizeof(float);
+    float *in = picture(N, 15), *out = picture(N, 16), *copy = picture(N, 17);
+    OIDNDevice device;
+    OIDNFilter filter;
+    OIDNBuffer buffer;
+
+    NEED_OPENCL();
+    device = open_opencl();
+    filter = new_hdr(device, in, out, W, H);
+    buffer = oidnNewBuffer(device, bytes);
+    oidnSetFilterProgressMonitorFunction(filter, take_time, NULL);
+    oidnExecuteFilterAsync(filter);
+    oidnWriteBufferAsync(buffer, 0, bytes, out);
+    oidnReadBufferAsync(buffer, 0, bytes, copy);
+    oidnReleaseBuffer(buffer);
+    CHECK(!memcmp(out, copy, bytes));
+    oidnReleaseFilter(filter);
+    oidnReleaseDevice(device);
+    free(in);
+    free(out);
+    free(copy);
+}
+
 /* ---- Several at once ------------------------------------------------------------------------- */
 
 #if LULL_WITH_THREADS
@@ -392,6 +426,7 @@ int main(int argc, char **argv)
     RUN(queued_work);
     RUN(progress_and_cancelling);
     RUN(release_orders);
+    RUN(releasing_waits);
 #if LULL_WITH_THREADS
     RUN(threads_and_devices);
     RUN(does_not_outlive_a_fork);
