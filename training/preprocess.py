@@ -78,7 +78,8 @@ def preprocess(settings: Settings, name: str, prefilters: list[Prefilter]) -> Pa
 
 
 def _suffix(settings: Settings, name: str, found: Scan) -> str:
-    """A new id per run; for shards one that all parts of the same work agree on."""
+    """A new id per run; for shards one that all parts of the same work agree on: of the settings,
+    and of the names, sizes and times of all files, so that changed renders are new work."""
     if not settings.shard:
         uid, count = unique_id(), 0
         while (Path(settings.preproc_dir) / f"{name}.{uid}").exists():
@@ -86,9 +87,20 @@ def _suffix(settings: Settings, name: str, found: Scan) -> str:
             uid = f"{unique_id()}.{count}"
         return uid
     keys = ("features", "transfer", "clean_aux", "aux_results", "layers")
-    text = json.dumps([settings.get(k) for k in keys] + [g.name for g in found.groups])
+    files = sorted(f for g in found.groups for v in (g.target, *g.inputs) for f in v.files.values())
+    text = json.dumps([settings.get(k) for k in keys]
+                      + [(f.relative_to(found.root).as_posix(), *_stamp(f)) for f in files])
     digest = hashlib.sha256(text.encode()).hexdigest()[:8]
     return f"{digest}.{settings.shard[0]}of{settings.shard[1]}"
+
+
+def _stamp(path: Path) -> tuple[int, int]:
+    """Size in bytes and time of the last change in ns; 0, 0 of what cannot be read."""
+    try:
+        stat = path.stat()
+    except OSError:
+        return 0, 0
+    return stat.st_size, stat.st_mtime_ns
 
 
 def _write(settings: Settings, groups: list, work: Path, prefilters: list[Prefilter]) -> int:

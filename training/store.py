@@ -3,10 +3,12 @@
 images.tza holds one fp16 tensor [H,W,C] per image (network codes, layout hwc), samples.json the
 pairs [input name, target name], config.json the settings; config.json is written last, so a folder
 without it is incomplete and never used. Both toolkits read each other's sets. A set made with
---shard i/n is n folders, <data set>.<uid>.<i>of<n>.
+--shard i/n is n folders, <data set>.<uid>.<i>of<n>. Ours say the name of the data set as `data` in
+config.json, as names may have dots.
 """
 from __future__ import annotations
 
+import glob
 import json
 import math
 import re
@@ -24,6 +26,7 @@ from training.scan import FEATURES
 from training.settings import Settings
 
 _SHARD = re.compile(r"(?P<key>.+)\.(?P<i>\d+)of(?P<n>\d+)")
+_UID = re.compile(r"[0-9a-f]{8}\..+")  # settings.unique_id, and that of a shard
 
 
 @dataclass(frozen=True)
@@ -37,31 +40,50 @@ class Stored:
     def features(self) -> list[str]:
         return [f for f in FEATURES if f in self.config["features"]]
 
+    @property
+    def made(self) -> tuple[int, str]:
+        """When it was complete, in ns; of equal ones the names tell."""
+        times = [(f / "config.json").stat().st_mtime_ns for f in self.folders]
+        return max(times), self.folders[0].name
+
 
 def list_stored(preproc_dir: Path, name: str) -> tuple[list[Stored], list[str]]:
     """(complete sets called `name`, remarks on incomplete ones)."""
-    sets: dict[str, dict[int, Path]] = {}
+    sets: dict[str, dict[int, tuple[Path, dict]]] = {}
     counts: dict[str, int] = {}
-    for folder in sorted(preproc_dir.glob(f"{name}.*")):
+    remarks = []
+    for folder in sorted(preproc_dir.glob(f"{glob.escape(name)}.*")):
         if not (folder / "config.json").is_file():
+            continue
+        try:
+            config = {"clean_aux": False, "aux_results": [],
+                      **json.loads((folder / "config.json").read_text())}
+        except (OSError, ValueError, TypeError) as e:
+            remarks.append(f"{folder}: unreadable config.json ({e})")
+            continue
+        if not _is_of(folder, config, name):
             continue
         shard = _SHARD.fullmatch(folder.name)
         key = shard["key"] + f" in {shard['n']} shards" if shard else folder.name
-        sets.setdefault(key, {})[int(shard["i"]) if shard else 0] = folder
+        sets.setdefault(key, {})[int(shard["i"]) if shard else 0] = folder, config
         counts[key] = int(shard["n"]) if shard else 1
-    stored, remarks = [], []
-    for key, folders in sets.items():
-        missing = [i for i in range(counts[key]) if i not in folders]
+    stored = []
+    for key, parts in sets.items():
+        missing = [i for i in range(counts[key]) if i not in parts]
         if missing:
             remarks.append(f"{key}: shards {missing} are missing")
             continue
-        paths = tuple(folders[i] for i in sorted(folders))
-        try:
-            config = json.loads((paths[0] / "config.json").read_text())
-            stored.append(Stored(paths, {"clean_aux": False, "aux_results": [], **config}))
-        except (ValueError, TypeError) as e:
-            remarks.append(f"{paths[0]}: unreadable config.json ({e})")
+        paths = tuple(parts[i][0] for i in sorted(parts))
+        stored.append(Stored(paths, parts[0][1]))
     return stored, remarks
+
+
+def _is_of(folder: Path, config: dict[str, Any], name: str) -> bool:
+    """Whether a folder <name>.* is of the data set `name`, not of one that is called <name>.more;
+    where config.json does not say so (Open Image Denoise's), by what follows the name."""
+    if "data" in config:
+        return config["data"] == name
+    return bool(_UID.fullmatch(folder.name.removeprefix(f"{Path(name).name}.")))
 
 
 def find_stored(settings: Settings, name: str) -> Stored:
@@ -86,7 +108,7 @@ def find_stored(settings: Settings, name: str) -> Stored:
         raise ToolError(f"no matching preprocessed data set '{name}' in {root} for "
                         f"{' '.join(settings.features)} ({detail})", STATE)
     fewest = min(len(s.features) for s in fits)
-    return max((s for s in fits if len(s.features) == fewest), key=lambda s: s.folders[0].name)
+    return max((s for s in fits if len(s.features) == fewest), key=lambda s: s.made)
 
 
 def read_pictures(stored: Stored, features: list[str], main: str,

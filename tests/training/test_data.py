@@ -20,7 +20,7 @@ from training.imageio import write_exr, write_image
 from training.parallel import Team
 from training.scan import CHANNELS, scan
 from training.settings import parse
-from training.store import find_stored, read_pictures
+from training.store import find_stored, list_stored, read_pictures
 from training.train import make_batches
 
 F = ["hdr", "alb", "nrm"]
@@ -150,6 +150,49 @@ def test_shards_are_the_whole_set_and_resume(raw, work, capsys):
             (find_stored(s, "train"), find_stored(s.replace(train_data="train"), "train"))]
     whole = {p.name: p for p in sets[0]}
     assert len(whole) == 5 and {p.name for p in sets[1]} == set(whole)
+
+
+def test_names_of_data_sets_may_begin_alike(raw, work):
+    """`a.valid` is not a set `a` with the id `valid`, though config.json may not say so."""
+    for name in ("a", "a.valid", "[a]"):
+        make_raw(work / "data" / name, 1 if name == "a" else 2)
+        preprocess.main(["hdr", "-D", "data", "-t", name])
+    s = parse("train", ["hdr", "-t", "a"])
+    for name, groups in ("a", 1), ("a.valid", 2), ("[a]", 2):
+        stored = find_stored(s, name)
+        assert len(read_pictures(stored, ["hdr"], "hdr", False)) == groups
+    for folder in Path("preproc").iterdir():
+        config = json.loads((folder / "config.json").read_text())
+        del config["data"]
+        (folder / "config.json").write_text(json.dumps(config))
+    assert len(list_stored(Path("preproc"), "a")[0]) == 1
+    assert len(list_stored(Path("preproc"), "a.valid")[0]) == 1
+
+
+def test_changed_renders_are_preprocessed_anew(work, capsys):
+    """Shards, too; and of several sets the last one serves, sharded or not."""
+    make_raw(work / "data" / "train", 2, spp=(4,))
+    args = ["hdr", "-D", "data", "-t", "train"]
+    s = parse("train", ["hdr", "-t", "train"])
+
+    def last() -> float:
+        """Darkest code of the targets of the set that a training would take."""
+        pictures = read_pictures(find_stored(s, "train"), ["hdr"], "hdr", False)
+        assert len(pictures) == 2
+        return min(float(p.target.min()) for p in pictures)
+
+    before = math.inf
+    for i, sharded in enumerate((True, True, False, True)):
+        for g in range(2):
+            image = picture(g)["hdr"]
+            image[:16] *= 0.5**i
+            write_image(work / f"data/train/scene{g}/view{g}_ref.hdr.exr", image)
+        capsys.readouterr()
+        for shard in ("0/2", "1/2") if sharded else ("",):
+            preprocess.main([*args, "--shard", shard] if shard else args)
+        assert "done already" not in capsys.readouterr().out
+        assert last() < before
+        before = last()
 
 
 def test_preprocess_leaves_nothing_half_written(tmp_path, work, fails):
