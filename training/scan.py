@@ -4,13 +4,14 @@ Naming scheme (Open Image Denoise's): `<group>_<version>.<feature>.<ext>`, where
 sample count (`4`, `0004`, `4spp`) or one of ref, reference, gt, target; feature is hdr, ldr,
 sh1x/y/z, alb, nrm or z. Ours in addition: a seed (`<group>_4spp_s2.hdr.exr`), other formats than
 EXR, and files with all features as layers (`<group>_4spp.exr`). All versions of a group share a
-folder.
+folder. Links to folders are followed, but no folder is read twice.
 """
 from __future__ import annotations
 
 import os
 import re
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -29,6 +30,8 @@ _SPLIT = re.compile(
 _VERSION = re.compile(
     r"(?P<group>.+)_(?P<version>\d+(?:spp)?|" + "|".join(REFERENCE_WORDS)
     + r")(?:_s(?P<seed>\d+))?", re.I)
+NO_NAME = "name is not <picture>_<version>[.<feature>]"
+NO_FEATURE = "no feature in the name, and no EXR with layers"
 
 
 @dataclass
@@ -91,21 +94,39 @@ def _histogram(counts: Counter) -> str:
     return ", ".join(f"{'?' if k is None else k}: {counts[k]}" for k in keys) or "none"
 
 
-def list_versions(root: Path) -> dict[str, list[Version]]:
-    """Every render below `root` by group name (a path relative to root), in file name order."""
+def list_files(root: Path) -> Iterator[Path]:
+    """The files below `root` but hidden ones, which are still being written; each folder once,
+    however many links lead to it (one upwards would lead there again and again)."""
+    seen = set()
+    for folder, folders, files in os.walk(root, followlinks=True):
+        if (real := os.path.realpath(folder)) in seen:
+            folders.clear()
+            continue
+        seen.add(real)
+        links_last = sorted((os.path.islink(os.path.join(folder, f)), f) for f in folders)
+        folders[:] = [f for _, f in links_last if not f.startswith(".")]
+        yield from (Path(folder) / f for f in files if not f.startswith("."))
+
+
+def read_names(root: Path) -> tuple[dict[str, list[Version]], list[tuple[str, str]]]:
+    """(every render below `root` by group name (a path relative to root), in file name order; files
+    that look like renders but for their names, and why they are left out)."""
     if not root.is_dir():
         raise ToolError(f"{root}: no such data set folder", DATA)
     groups: dict[str, dict[str, Version]] = {}
-    paths = (Path(d) / f for d, _, files in os.walk(root, followlinks=True) for f in files)
-    for path in sorted(paths):
+    left_out = []
+    for path in sorted(list_files(root)):
         split = _SPLIT.fullmatch(path.name)
-        if not split or any(part.startswith(".") for part in path.relative_to(root).parts):
-            continue  # hidden: files and folders that are still being written
+        if not split:
+            continue
+        kind = split["ext"].lower()
         match = _VERSION.fullmatch(split["stem"])
         feature = (split["feature"] or "*").lower()
-        if feature == "*" and not (match and split["ext"].lower() == "exr"):
-            continue  # a picture that is not part of the scheme
         folder = path.parent.relative_to(root)
+        if feature == "*" and not (match and kind == "exr"):
+            if kind != "png":  # those without a feature are previews
+                left_out.append(((folder / path.name).as_posix(), NO_FEATURE if match else NO_NAME))
+            continue
         name = (folder / split["stem"]).as_posix()
         group = (folder / (match["group"] if match else split["stem"])).as_posix()
         version = groups.setdefault(group, {}).get(name)
@@ -117,10 +138,14 @@ def list_versions(root: Path) -> dict[str, list[Version]]:
                               int(match["seed"] or 0) if match else 0)
             groups[group][name] = version
         known = version.files.get(feature)
-        if known is None or EXTENSIONS.index(split["ext"].lower()) < EXTENSIONS.index(
-                known.suffix[1:].lower()):
+        if known is None or EXTENSIONS.index(kind) < EXTENSIONS.index(known.suffix[1:].lower()):
             version.files[feature] = path
-    return {g: list(v.values()) for g, v in groups.items()}
+    return {g: list(v.values()) for g, v in groups.items()}, left_out
+
+
+def list_versions(root: Path) -> dict[str, list[Version]]:
+    """Every render below `root`, as of read_names."""
+    return read_names(root)[0]
 
 
 def scan(root: Path, features: list[str], target_features: list[str] | None = None,
@@ -128,11 +153,13 @@ def scan(root: Path, features: list[str], target_features: list[str] | None = No
     """The groups of a data set that hold `features`; the target only needs `target_features`.
 
     The reference of a group is the version with a reference word, else the highest sample count.
-    Incomplete versions are left out one by one and listed, not with their whole group.
+    Incomplete versions are left out one by one and listed, not with their whole group; so are files
+    of other names.
     """
     target_features = target_features or features[:1]
-    groups, left_out = [], []
-    for name, versions in list_versions(root).items():
+    groups = []
+    renders, left_out = read_names(root)
+    for name, versions in renders.items():
         versions = sorted(versions, key=lambda v: v.order)
         target = versions.pop() if len(versions) > 1 or versions[0].word else None
         if target is not None and target.missing(target_features):

@@ -78,6 +78,32 @@ def test_linked_folders_are_read(tmp_path):
     assert [g.name for g in scan(tmp_path / "set", ["hdr"]).groups] == ["link/a"]
 
 
+def test_links_in_a_circle_are_read_once(tmp_path):
+    touch(tmp_path, "sub/a_4.hdr.exr", "sub/a_ref.hdr.exr")
+    (tmp_path / "sub" / "loop").symlink_to("..")
+    (tmp_path / "again").symlink_to("sub")
+    assert [g.name for g in scan(tmp_path, ["hdr"]).groups] == ["sub/a"]
+
+
+def test_other_names_are_left_out_aloud(tmp_path, capsys, fails):
+    """A name that is nearly one of a render may be meant as one; PNG without feature may not."""
+    clean = picture(3)
+    for spp in (4, 16):
+        write_features(tmp_path / "d", f"a_{spp}spp", noisy(clean, spp, 1))
+    write_features(tmp_path / "d", "a_ref", clean)
+    strange = ["a.0008.exr", "a_8samples.exr", "a_8spp_v2.exr", "sub/a_8spp.depth.exr"]
+    touch(tmp_path / "d", *strange, "a_8spp.pfm", "a_8spp.png", "sheet.png", ".a_8x.exr", "a.txt")
+    found = scan(tmp_path / "d", ["hdr"])
+    assert [len(g.inputs) for g in found.groups] == [2]
+    assert sorted(n for n, r in found.left_out if "<version>" in r) == strange
+    assert dict(found.left_out).pop("a_8spp.pfm").startswith("no feature")
+    assert len(found.left_out) == 5
+    assert "left out: 4 x name is not" in "\n".join(found.summary())
+    assert fails(doctor.main, ["hdr", "-D", str(tmp_path), "-i", "d"]) == (
+        3, "5 findings in 1 groups")
+    assert "a_8samples.exr: name is not" in capsys.readouterr().out
+
+
 def test_hold_out_is_spread():
     train, valid = hold_out(list(range(100)), 4)
     assert valid == [12, 38, 62, 88] and len(train) == 96
