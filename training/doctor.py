@@ -92,12 +92,14 @@ def check_pair(main: str, source: np.ndarray, target: np.ndarray) -> Iterator[st
 
 
 def check_group(group: Group, features: list[str], layers: dict[str, str]) -> Iterator[str]:
+    """Findings about the renders of a group; features: the main one first."""
     main = features[0]
     target, size = None, None
     for version in [v for v in (group.target, *group.inputs) if v]:
         opened: dict = {}
         try:
-            wanted = features if holds(version, features, layers, opened) else [main]
+            poor = version is group.target and not holds(version, features, layers, opened)
+            wanted = [main] if poor else features  # of references the light is enough
             raw = {f: load_raw(version, f, layers, opened) for f in wanted}
         except ToolError as e:
             yield str(e)

@@ -16,6 +16,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from training.errors import DATA, DEPENDENCY, OUTPUT, USAGE, ToolError
+from training.layers import find_channels
 from training.png import read_png, write_png
 
 LINEAR_FORMATS = ("exr", "pfm", "phm", "hdr")
@@ -60,7 +61,8 @@ def _openexr():
 
 
 def read_exr_channels(path: Path) -> dict[str, np.ndarray]:
-    """All channels of all parts by name, [H,W] float32; later parts are prefixed by their name."""
+    """All channels of a file by name, [H,W] float32, deep ones left out; in a multipart file the
+    plain channels of a part (R, G, B) stand under its name."""
     exr = _openexr()
     try:
         path.open("rb").close()
@@ -69,10 +71,12 @@ def read_exr_channels(path: Path) -> dict[str, np.ndarray]:
     try:
         with silent(), exr.File(str(path), separate_channels=True) as f:
             channels = {}
-            for i, part in enumerate(f.parts):
-                prefix = f"{part.name()}." if i and part.name() else ""
+            for part in f.parts:
+                if part.type() not in (exr.scanlineimage, exr.tiledimage):
+                    continue
+                prefix = f"{part.name()}." if len(f.parts) > 1 and part.name() else ""
                 for name, c in part.channels.items():
-                    key = name if name.startswith(prefix) else prefix + name
+                    key = name if "." in name else prefix + name
                     channels.setdefault(key, np.asarray(c.pixels, np.float32))
     except ToolError:
         raise
@@ -85,14 +89,15 @@ def read_exr_channels(path: Path) -> dict[str, np.ndarray]:
 
 
 def read_exr(path: Path) -> np.ndarray:
-    """The picture of an EXR: R,G,B, else X,Y,Z, else Y, else its only channels, [H,W,C<=3]."""
+    """The picture of an EXR: its layer of colour (plain R,G,B or X,Y,Z before named ones), else Y,
+    else Z, else its only channels, [H,W,C<=3]."""
     channels = read_exr_channels(path)
-    for names in (("R", "G", "B"), ("X", "Y", "Z"), ("Y",), ("Z",)):
-        if all(n in channels for n in names):
+    for names in (find_channels("hdr", channels), ("Y",), ("Z",)):
+        if names and all(n in channels for n in names):
             return np.stack([channels[n] for n in names], -1)
     layers = {n.rpartition(".")[0] for n in channels}
     if len(layers) > 1:
-        raise ToolError(f"{path}: several layers and no R,G,B among them "
+        raise ToolError(f"{path}: several layers and no colour among them "
                         f"({', '.join(channels)})", DATA)
     tails = {n.rpartition(".")[2].upper(): n for n in channels}
     for tail in ("RGB", "XYZ"):
