@@ -5,7 +5,8 @@
 #include <string.h>
 
 /* Layer names by role, in order of preference; "" is a layer without a name (plain R, G, B). The
- * first ones of each role are those that Open Image Denoise's toolkit knows. */
+ * first ones of each role are those that Open Image Denoise's toolkit knows. training/layers.py has
+ * the same. */
 static const struct {
     image_role role;
     const char *layer;

@@ -29,10 +29,9 @@ from bench.svg import Point, chart
 from export import manifest
 from training import color, metrics
 from training.errors import ToolError
-from training.evaluate import Case, find_cases, has_features
+from training.evaluate import Case, find_cases, has_features, held_out_cases, parse_held_out
 from training.features import load
 from training.imageio import read_pfm
-from training.scan import hold_out, scan
 
 FEATURES = ["hdr", "alb", "nrm"]
 NAMES = ("psnr", "ssim", "flip", "relmse")
@@ -82,9 +81,7 @@ def find_all_cases(folders: list[str], held_out: list[str]) -> list[Case]:
     """Pictures that have a reference and all features."""
     cases = [c for folder in folders for c in find_cases(Path(folder))]
     for text in held_out:
-        folder, _, count = text.rpartition(":")
-        groups = hold_out(scan(Path(folder), ["hdr"]).groups, int(count))[1]
-        cases += [Case(v.name, v, g.target) for g in groups for v in g.inputs]
+        cases += held_out_cases(*parse_held_out(text), FEATURES)
     return [c for c in cases if has_features(c.source, FEATURES)]
 
 

@@ -4,12 +4,13 @@
     python -m training.evaluate weights/a.tza=hdr weights/b.tza=hdr,alb,nrm --images pictures \\
         --held_out data/train:12 --report docs/models.md
 
-Cases are the groups of the naming scheme and folders with noisy.exr and ref.exr. All metrics are
-taken on tone-mapped sRGB (docs/training.md) at the auto-exposure of the reference. For ldr the
-pictures and their references are multiplied by that exposure and clipped to [0,1]. OIDN (quality
-high, its own weights) is run where the package pyoidn is installed; it also runs our weights, and
-the difference to ours must be within its own tolerance. The tables go between the marks
-`<!-- scores -->` and `<!-- /scores -->` of the report.
+Cases are the groups of the naming scheme and folders with noisy.exr and ref.exr; what was held out
+is found as `train --raw --hold_out N` finds it among the groups with the model's features. All
+metrics are taken on tone-mapped sRGB (docs/training.md) at the auto-exposure of the reference. For
+ldr the pictures and their references are multiplied by that exposure and clipped to [0,1]. OIDN
+(quality high, its own weights) is run where the package pyoidn is installed; it also runs our
+weights, and the difference to ours must be within its own tolerance. The tables go between the
+marks `<!-- scores -->` and `<!-- /scores -->` of the report.
 """
 from __future__ import annotations
 
@@ -36,6 +37,7 @@ from training.infer import Denoiser
 from training.nets import from_tensors
 from training.result import read_weights
 from training.scan import Group, Version, hold_out, list_versions, scan
+from training.settings import derive
 
 NAMES = ("psnr", "ssim", "flip")
 MARKS = ("<!-- scores -->", "<!-- /scores -->")
@@ -68,9 +70,45 @@ def _groups(root: Path) -> list[Group]:
     return scan(root, ["hdr"]).groups if list_versions(root) else []
 
 
+def held_out_cases(folder: Path, count: int, features: list[str]) -> list[Case]:
+    """Pairs of the groups that `train --hold_out count` leaves out of a training on `features`, of
+    the radiance where the data set has no ldr."""
+    groups = scan(folder, features, features[:1]).groups
+    if not groups and features[0] == "ldr":
+        groups = scan(folder, ["hdr", *features[1:]], ["hdr"]).groups
+    held = hold_out([g.name for g in groups], count)
+    return [Case(v.name, v, g.target) for g in groups if g.name in held for v in g.inputs]
+
+
+def readable(cases: list[Case], features: list[str]) -> list[Case]:
+    """The cases that can be read; says which cannot, which train left out as well."""
+    found = []
+    for case in cases:
+        try:
+            if has_features(case.source, features) and has_features(case.target, ["hdr"]):
+                load(case.source, _files_of(features))
+                load(case.target, ["hdr"])
+                found.append(case)
+        except ToolError as e:
+            print(f"left out {case.name}: {e}")
+    return found
+
+
+def parse_held_out(text: str) -> tuple[Path, int]:
+    """DIR:N of --held_out."""
+    folder, _, count = text.rpartition(":")
+    if not folder or not count.isdecimal() or int(count) < 1:
+        raise ToolError(f"--held_out {text}: not DIR:N with N groups", USAGE)
+    return Path(folder), int(count)
+
+
+def _files_of(features: list[str]) -> list[str]:
+    """The features that are read: ldr is made of hdr, see evaluate."""
+    return ["hdr" if f == "ldr" else f for f in features]
+
+
 def has_features(version: Version, features: list[str]) -> bool:
-    features = ["hdr" if f == "ldr" else f for f in features]  # see evaluate
-    return holds(version, features)
+    return holds(version, _files_of(features))
 
 
 class Program:
@@ -84,6 +122,26 @@ class Program:
 
     def run(self, images: dict[str, np.ndarray]) -> np.ndarray:
         return peer.denoise(self.binary, images, self.path)
+
+
+def parse_model(text: str) -> tuple[Path, list[str]]:
+    """FILE=FEATURE,FEATURE,...: the file, and its features in the order in which networks get them,
+    the main one, hdr or ldr, first."""
+    file, equals, names = text.partition("=")
+    if not equals:
+        raise ToolError(f"{text}: say which images it takes, as in {text}=hdr,alb,nrm", USAGE)
+    features = derive("evaluate", {"features": names.split(",")})["features"]
+    if features[0] not in ("hdr", "ldr"):
+        raise ToolError(f"{text}: only results for hdr and ldr are measured", USAGE)
+    return Path(file), features
+
+
+def trained_features(path: Path, features: list[str]) -> list[str]:
+    """Those that a training had where the model is measured with `features`: all, if it is of
+    family K, which learns to do without."""
+    with errors.reading(path):
+        is_kernel = nets.identify(list(Reader(path))).family == "K"
+    return [features[0], "alb", "nrm"] if is_kernel else features
 
 
 def load_denoiser(path: Path, features: list[str]) -> Denoiser | Program:
@@ -228,25 +286,21 @@ def main(argv: list[str]) -> None:
     args = parser.parse_args(argv)
     if not args.images and not args.held_out:
         raise ToolError("nothing to measure: --images or --held_out is missing", USAGE)
-    for text in args.weights:
-        if "=" not in text:
-            raise ToolError(f"{text}: say which images it takes, as in {text}=hdr,alb,nrm", USAGE)
+    models = [parse_model(text) for text in args.weights]
+    held_out = [parse_held_out(text) for text in args.held_out]
     if args.less_reference and "psnr" not in args.metric:
         raise ToolError("--less_reference: is about psnr, which --metric leaves out", USAGE)
     torch.set_num_threads(1)
     binary = None if args.no_oidn else peer.find_binary()
     print(f"OIDN: {'oidnDenoise of pyoidn' if binary else 'not run'}")
-    sets = [(Path(d).name, find_cases(Path(d))) for d in args.images]
-    for text in args.held_out:
-        folder, _, count = text.rpartition(":")
-        held = hold_out(scan(Path(folder), ["hdr"]).groups, int(count))[1]
-        sets.append((f"held out of {Path(folder).name}",
-                     [Case(v.name, v, g.target) for g in held for v in g.inputs]))
+    images = [(Path(d).name, find_cases(Path(d))) for d in args.images]
     lines, figures = [], []
-    for text in args.weights:
-        file, _, names = text.partition("=")
-        path, features = Path(file), names.split(",")
+    for path, features in models:
         denoiser = load_denoiser(path, features)
+        trained = trained_features(path, features) if held_out else features
+        sets = images + [(f"held out of {folder.name}",
+                          readable(held_out_cases(folder, count, trained), features))
+                         for folder, count in held_out]
         lines += [f"### {path.stem}", ""]
         before = len(figures)
         for title, cases in sets:
@@ -269,7 +323,7 @@ def main(argv: list[str]) -> None:
             lines += [""]
             figures += [{"weights": path.name, "set": title, **r} for r in rows]
         if len(figures) == before:
-            raise ToolError(f"{text}: no picture has {names}", DATA)
+            raise ToolError(f"{path}: no picture has {','.join(features)}", DATA)
     if args.json:
         args.json.write_text(json.dumps(figures, indent=1) + "\n")
     if args.report:

@@ -42,7 +42,7 @@ def main(argv: list[str]) -> None:
 
 
 def worker(settings: Settings, team: parallel.Team) -> None:
-    pictures, _ = open_data(settings, print if team.rank == 0 else lambda *a: None)
+    pictures, *_ = open_data(settings, print if team.rank == 0 else lambda *a: None)
     batches = make_batches(pictures, settings, team)
     steps = settings.num_steps or max(batches.steps_per_epoch, MIN_STEPS)
     if steps < 2:

@@ -62,12 +62,13 @@ def preprocess(settings: Settings, name: str, prefilters: list[Prefilter]) -> Pa
     except OSError as e:
         raise ToolError(f"{work.parent}: cannot write ({e.strerror})", OUTPUT) from e
     try:
-        count = _write(settings, groups, work, prefilters)
+        count, left_out = _write(settings, groups, work, prefilters)
         if not count and not settings.shard:
             wanted = " ".join(settings.features)
             raise ToolError(f"{found.root}: no usable group for {wanted}", DATA)
         (work / "config.json").write_text(json.dumps(
-            {**settings.to_dict(), "script": "preprocess", "data": name}, indent=2) + "\n")
+            {**settings.to_dict(), "script": "preprocess", "data": name, "left_out": left_out},
+            indent=2) + "\n")
         os.rename(work, folder)
     except OSError as e:
         raise ToolError(f"{folder}: cannot write ({e.strerror or e})", OUTPUT) from e
@@ -103,8 +104,10 @@ def _stamp(path: Path) -> tuple[int, int]:
     return stat.st_size, stat.st_mtime_ns
 
 
-def _write(settings: Settings, groups: list, work: Path, prefilters: list[Prefilter]) -> int:
-    samples = []
+def _write(settings: Settings, groups: list, work: Path,
+           prefilters: list[Prefilter]) -> tuple[int, list[str]]:
+    """Write the images; returns the number of pairs, and the groups that could not be read."""
+    samples, left_out = [], []
     with Writer(work / "images.tza") as out:
         for i, group in enumerate(groups):
             try:
@@ -112,6 +115,7 @@ def _write(settings: Settings, groups: list, work: Path, prefilters: list[Prefil
                                      settings.transfer, settings.clean_aux, settings.layers, print)
             except ToolError as e:
                 print(f"left out {group.name}: {e}")
+                left_out.append(group.name)
                 continue
             target_name = group.target.name
             print(f"[{i + 1}/{len(groups)}] {target_name}: {len(picture.inputs)} inputs",
@@ -124,7 +128,7 @@ def _write(settings: Settings, groups: list, work: Path, prefilters: list[Prefil
                 out.write(name, prefilter(image, settings, prefilters), "hwc")
                 samples.append([name, target_name])
     (work / "samples.json").write_text(json.dumps(samples, indent=1) + "\n")
-    return len(samples)
+    return len(samples), left_out
 
 
 def prefilter(image: np.ndarray, settings: Settings, prefilters: list[Prefilter]) -> np.ndarray:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import os
 import re
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -128,7 +128,7 @@ def read_names(root: Path) -> tuple[dict[str, list[Version]], list[tuple[str, st
                 left_out.append(((folder / path.name).as_posix(), NO_FEATURE if match else NO_NAME))
             continue
         name = (folder / split["stem"]).as_posix()
-        group = (folder / (match["group"] if match else split["stem"])).as_posix()
+        group = group_of(name)
         version = groups.setdefault(group, {}).get(name)
         if version is None:
             text = match["version"].lower() if match else ""
@@ -141,6 +141,13 @@ def read_names(root: Path) -> tuple[dict[str, list[Version]], list[tuple[str, st
         if known is None or EXTENSIONS.index(kind) < EXTENSIONS.index(known.suffix[1:].lower()):
             version.files[feature] = path
     return {g: list(v.values()) for g, v in groups.items()}, left_out
+
+
+def group_of(version: str) -> str:
+    """The name of the group that a version is of, both relative to the data set."""
+    folder, slash, stem = version.rpartition("/")
+    match = _VERSION.fullmatch(stem)
+    return folder + slash + (match["group"] if match else stem)
 
 
 def list_versions(root: Path) -> dict[str, list[Version]]:
@@ -183,11 +190,11 @@ def scan(root: Path, features: list[str], target_features: list[str] | None = No
     return Scan(root, groups, left_out)
 
 
-def hold_out(groups: list[Group], count: int) -> tuple[list[Group], list[Group]]:
-    """(training, validation): `count` groups spread evenly over the list are held out, but no more
-    than half of them."""
-    count = min(count, len(groups) // 2)
-    chosen = {round((i + 0.5) * len(groups) / count) for i in range(count)} if count > 0 else set()
-    chosen = {min(i, len(groups) - 1) for i in chosen}
-    return ([g for i, g in enumerate(groups) if i not in chosen],
-            [g for i, g in enumerate(groups) if i in chosen])
+def hold_out(names: Iterable[str], count: int) -> set[str]:
+    """Which of the groups of a data set, by name, are held out of a training: `count` of them
+    spread evenly over the order of their files, but no more than half. It depends on nothing else:
+    all that can be scanned count, whether they can be read or not."""
+    ordered = sorted(names, key=lambda n: f"{n}_".split("/"))
+    count = min(count, len(ordered) // 2)
+    places = (round((i + 0.5) * len(ordered) / count) for i in range(count))
+    return {ordered[min(i, len(ordered) - 1)] for i in places}

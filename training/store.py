@@ -4,7 +4,7 @@ images.tza holds one fp16 tensor [H,W,C] per image (network codes, layout hwc), 
 pairs [input name, target name], config.json the settings; config.json is written last, so a folder
 without it is incomplete and never used. Both toolkits read each other's sets. A set made with
 --shard i/n is n folders, <data set>.<uid>.<i>of<n>. Ours say the name of the data set as `data` in
-config.json, as names may have dots.
+config.json, as names may have dots, and as `left_out` which of its groups could not be read.
 """
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from export.tza import Reader, TzaError
 from training.data import Picture
 from training.errors import STATE, ToolError
 from training.features import main_feature
-from training.scan import FEATURES
+from training.scan import FEATURES, group_of
 from training.settings import Settings
 
 _SHARD = re.compile(r"(?P<key>.+)\.(?P<i>\d+)of(?P<n>\d+)")
@@ -35,6 +35,7 @@ class Stored:
 
     folders: tuple[Path, ...]
     config: dict[str, Any]
+    left_out: tuple[str, ...] = ()  # groups that could not be read
 
     @property
     def features(self) -> list[str]:
@@ -74,7 +75,8 @@ def list_stored(preproc_dir: Path, name: str) -> tuple[list[Stored], list[str]]:
             remarks.append(f"{key}: shards {missing} are missing")
             continue
         paths = tuple(parts[i][0] for i in sorted(parts))
-        stored.append(Stored(paths, parts[0][1]))
+        left_out = [n for _, config in parts.values() for n in config.get("left_out", [])]
+        stored.append(Stored(paths, parts[0][1], tuple(left_out)))
     return stored, remarks
 
 
@@ -126,7 +128,7 @@ def read_pictures(stored: Stored, features: list[str], main: str,
             images = Reader(folder / "images.tza")
             pairs = json.loads((folder / "samples.json").read_text())
             for source, target in pairs:
-                picture = pictures.setdefault(target, Picture(target, [], [], _pick(
+                picture = pictures.setdefault(target, Picture(group_of(target), [], [], _pick(
                     images[target], keep, at, main_count), target_spp=_spp(target, math.inf)))
                 picture.inputs.append(_pick(images[source], keep, at, main_count))
                 picture.weights.append(_spp(source, 1.0))

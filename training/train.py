@@ -84,7 +84,10 @@ def worker(settings: Settings, team: parallel.Team) -> None:
         settings = agree(settings, result.config(), say)
 
     # Data. Nothing is written before this has worked.
-    pictures, valid = open_data(settings, say)
+    pictures, valid, held_out = open_data(settings, say)
+    if resuming:
+        agree_held_out(result, held_out)
+    settings = settings.replace(held_out=held_out)
     batches = make_batches(pictures, settings, team)
     steps_per_epoch = batches.steps_per_epoch
     plan = Plan(settings.num_epochs * steps_per_epoch, settings.time_budget)
@@ -261,29 +264,34 @@ def due(epoch: int, every: int) -> bool:
     return every > 0 and epoch % every == 0
 
 
-def open_data(settings: Settings, say) -> tuple[list[Picture], list[Picture]]:
-    """(training, validation) pictures, from preprocessed sets or, with --raw, from raw folders."""
-    f, m = settings.features, settings.main_feature
+def open_data(settings: Settings, say) -> tuple[list[Picture], list[Picture], list[str]]:
+    """(training, validation) pictures, from preprocessed sets or, with --raw, from raw folders, and
+    the names of the groups that --hold_out moves from the former to the latter."""
     if not settings.train_data:
         raise ToolError("no training images: --train_data is missing", DATA)
-    if settings.raw:
-        sets = []
-        for name in (settings.train_data, settings.get("valid_data")):
-            sets.append([])
-            if name:
-                found = scan(Path(settings.data_dir) / name, f, f if settings.clean_aux else [m])
-                say("\n".join(found.summary()))
-                sets[-1] = from_raw(found, f, m, settings.transfer, settings.clean_aux,
-                                    settings.layers, say)
-    else:
-        sets = [read_pictures(find_stored(settings, n), f, m, settings.clean_aux) if n else []
-                for n in (settings.train_data, settings.get("valid_data"))]
-    if settings.get("hold_out"):
-        sets[0], held = hold_out(sets[0], settings.hold_out)
-        if len(held) < settings.hold_out:
-            say(f"--hold_out {settings.hold_out}: only {len(held)} of so few are held out")
-        sets[1] += held
-    return sets[0], sets[1]
+    pictures, names = open_set(settings, settings.train_data, say)
+    valid = open_set(settings, settings.valid_data, say)[0] if settings.get("valid_data") else []
+    count = settings.get("hold_out") or 0
+    held_out = sorted(hold_out(names, count))
+    held = [p for p in pictures if p.name in held_out]
+    if len(held_out) < count:
+        say(f"--hold_out {count}: only {len(held_out)} of so few are held out")
+    if len(held) < len(held_out):
+        say(f"--hold_out {count}: {len(held_out) - len(held)} of them cannot be read")
+    return [p for p in pictures if p.name not in held_out], valid + held, held_out
+
+
+def open_set(settings: Settings, name: str, say) -> tuple[list[Picture], list[str]]:
+    """The pictures of a data set, and the names of all its groups, unreadable ones included."""
+    f, m = settings.features, settings.main_feature
+    if not settings.raw:
+        stored = find_stored(settings, name)
+        pictures = read_pictures(stored, f, m, settings.clean_aux)
+        return pictures, [*stored.left_out, *(p.name for p in pictures)]
+    found = scan(Path(settings.data_dir) / name, f, f if settings.clean_aux else [m])
+    say("\n".join(found.summary()))
+    pictures = from_raw(found, f, m, settings.transfer, settings.clean_aux, settings.layers, say)
+    return pictures, [g.name for g in found.groups]
 
 
 def agree(settings: Settings, old: Settings, say) -> Settings:
@@ -301,6 +309,16 @@ def agree(settings: Settings, old: Settings, say) -> Settings:
         if k not in ("config", "result", "results_dir"):
             say(f"Changed setting: {k} was {old.get(k)}, is {settings.get(k)}")
     return settings
+
+
+def agree_held_out(result: Result, held_out: list[str]) -> None:
+    """Refuses to resume where other groups were held out: the data set is another one, and what the
+    model has learnt might judge it."""
+    before = result.config().get("held_out", held_out)  # older results do not say
+    if before != held_out:
+        raise ToolError(f"result {result.name} held out {', '.join(before)}; of the data set as it "
+                        f"is now that would be {', '.join(held_out)}; choose another --result",
+                        STATE)
 
 
 if __name__ == "__main__":

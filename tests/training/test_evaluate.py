@@ -6,7 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from training import color, evaluate
+from export.tza import write_weights
+from tests.training.tools import QUICK, make_raw, picture, write_features
+from training import color, evaluate, nets, preprocess, train
 from training.errors import ToolError
 from training.features import load
 from training.imageio import write_exr
@@ -73,3 +75,79 @@ def test_clipped_pictures_through_the_program(raw, work, root):
                    "--json", "ldr.json"])
     rows = json.loads(Path("ldr.json").read_text())
     assert len(rows) == 2 and all(r["lull"]["psnr"] > r["noisy"]["psnr"] + 2 for r in rows)
+
+
+def weights(name, features):
+    """An untrained model of family U."""
+    tensors = nets.build("w8", 3 * len(features)).state_dict()
+    write_weights(name, {k: v.numpy() for k, v in tensors.items()})
+
+
+def gappy(folder):
+    """Eight groups of some inputs without normals, without albedo in their layers, or broken."""
+    make_raw(folder, 8, spp=(4,))
+    for g in (0, 1):
+        (folder / f"scene{g}" / f"view{g}_0004spp.nrm.exr").unlink()
+    for f in ("hdr", "alb", "nrm"):
+        (folder / "scene3" / f"view3_0004spp.{f}.exr").unlink()
+    write_features(folder / "scene3", "view3_0004spp", {"hdr": picture(3)["hdr"]})
+    (folder / "scene3" / "view3_0004spp.hdr.exr").rename(folder / "scene3" / "view3_0004spp.exr")
+    (folder / "scene5" / "view5_0004spp.hdr.exr").write_bytes(b"broken")
+
+
+@pytest.mark.parametrize("features", [["hdr"], ["hdr", "alb", "nrm"]])
+def test_what_was_held_out_is_measured(work, features):
+    """By a training on raw data and by one on shards, with the model's features."""
+    gappy(work / "d" / "train")
+    data = [*features, "-D", "d", "-t", "train"]
+    common = [*data, "-s", "3", *QUICK, "-e", "1", "--hold_out", "2"]
+    train.main([*common, "--raw", "-r", "raw"])
+    for shard in "0/2", "1/2":
+        preprocess.main([*data, "--shard", shard])
+    train.main([*common, "-r", "shards"])
+    raw, shards = (json.loads(Path(f"results/{r}/config.json").read_text())["held_out"]
+                   for r in ("raw", "shards"))
+    cases = evaluate.held_out_cases(work / "d" / "train", 2, features)
+    assert raw == shards == sorted({c.name.removesuffix("_0004spp") for c in cases})
+    assert len(raw) == 2
+
+
+def test_models_are_measured_on_what_each_left_out(work):
+    gappy(work / "d")
+    weights("a.tza", ["hdr"])
+    weights("b.tza", ["hdr", "alb", "nrm"])
+    rows = scored(work, "all.json", "a.tza=hdr", "b.tza=hdr,alb,nrm", "--held_out", "d:2")
+    assert [(r["weights"], r["case"]) for r in rows] == [
+        (f"{w}.tza", f"scene{g}/view{g}_0004spp") for w, g in ("a2", "a6", "b4", "b6")]
+
+
+def test_what_train_cannot_read_is_not_measured(work, capsys):
+    gappy(work / "d")
+    weights("a.tza", ["hdr"])
+    rows = scored(work, "all.json", "a.tza=hdr", "--held_out", "d:4")
+    assert [r["case"] for r in rows] == [f"scene{g}/view{g}_0004spp" for g in (1, 3, 7)]
+    assert "left out scene5/view5_0004spp: " in capsys.readouterr().out
+
+
+def test_family_k_was_trained_with_all_features(root):
+    file = root / "weights" / "kernel5_8.tza"
+    assert evaluate.trained_features(file, ["ldr"]) == ["ldr", "alb", "nrm"]
+    assert evaluate.trained_features(root / "weights" / "rt_hdr_w16.tza", ["hdr"]) == ["hdr"]
+
+
+def test_features_are_taken_in_any_order(root):
+    """The networks' is the one they are given in."""
+    assert evaluate.parse_model("a.tza=hdr,normal,alb") == (Path("a.tza"), ["hdr", "alb", "nrm"])
+
+
+@pytest.mark.parametrize("arguments, code, text", [
+    (["a.tza=hdr", "--held_out", "d"], 2, "--held_out d: not DIR:N"),
+    (["a.tza=hdr", "--held_out", "d:x"], 2, "--held_out d:x: not DIR:N"),
+    (["a.tza=hdr", "--held_out", "d:0"], 2, "--held_out d:0: not DIR:N"),
+    (["a.tza=hdr", "--held_out", "d:2"], 3, "d: no such data set folder"),
+    (["a.tza=hdr,light", "--images", "d"], 2, "unknown feature 'light'"),
+    (["a.tza=nrm", "--images", "d"], 2, "only results for hdr and ldr")])
+def test_arguments_that_cannot_be(work, fails, arguments, code, text):
+    weights("a.tza", ["hdr"])
+    got, message = fails(evaluate.main, [*arguments, "--no_oidn"])
+    assert got == code and text in message

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from training import doctor
 from training.imageio import write_exr, write_image
-from training.scan import hold_out, list_versions, scan, Version
+from training.scan import Version, group_of, hold_out, list_versions, scan
 
 
 def touch(root, *names):
@@ -105,11 +105,22 @@ def test_other_names_are_left_out_aloud(tmp_path, capsys, fails):
 
 
 def test_hold_out_is_spread():
-    train, valid = hold_out(list(range(100)), 4)
-    assert valid == [12, 38, 62, 88] and len(train) == 96
-    assert hold_out([1], 3) == ([1], [])
-    assert [len(s) for s in hold_out(list(range(4)), 12)] == [2, 2]  # not nearly all of a few
-    assert [len(s) for s in hold_out(list(range(13)), 12)] == [7, 6]
+    names = [f"s{i:03}" for i in range(100)]
+    assert sorted(hold_out(names, 4)) == ["s012", "s038", "s062", "s088"]
+    assert hold_out(reversed(names), 4) == hold_out(names, 4)
+    assert hold_out(["a"], 3) == hold_out([], 3) == hold_out(names, 0) == set()
+    assert len(hold_out(names[:4], 12)) == 2  # not nearly all of a few
+    assert len(hold_out(names[:13], 12)) == 6
+
+
+def test_hold_out_counts_in_the_order_of_files(tmp_path):
+    """Of names without leading zeros, too, where that of the groups would be another one."""
+    names = ["a-b/v", "a/v1", "a/v10", "a/v2", "x", "x-1"]
+    touch(tmp_path, *(f"{n}_{v}.hdr.exr" for n in names for v in ("4", "ref")))
+    groups = [g.name for g in scan(tmp_path, ["hdr"]).groups]
+    assert groups == ["a/v10", "a/v1", "a/v2", "a-b/v", "x-1", "x"]
+    assert hold_out(sorted(groups), 3) == {groups[i] for i in (1, 3, 5)}
+    assert [group_of(f"{n}_0004spp_s2") for n in names] == names
 
 
 def breakage(kind, images):

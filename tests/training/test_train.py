@@ -185,6 +185,30 @@ def test_resume_checks_its_settings(raw, work, fails, capsys):
     assert state()["optimizer_state"]["param_groups"][0]["lr"] < 1e-9  # the new rate was used
 
 
+@pytest.mark.parametrize("stored", [False, True])
+def test_resume_holds_out_the_same_groups(work, fails, stored):
+    """A group that is added moves the others, and what was learnt would judge."""
+    make_raw(work / "d" / "train", 4, spp=(4,))
+    args = [*RAW, "-D", "d", "--hold_out", "1", "-r", "a", "--valid_epochs", "1"]
+    if stored:
+        args.remove("--raw")
+        preprocess.main([*RAW[:3], "-D", "d", "-t", "train"])
+    train.main([*args, "-e", "1"])
+    config = Path("results/a/config.json")
+    assert json.loads(config.read_text())["held_out"] == ["scene2/view2"]
+    train.main([*args, "-e", "2"])
+    make_raw(work / "d" / "train", 7, spp=(4,))
+    if stored:
+        for shard in "0/2", "1/2":
+            preprocess.main([*RAW[:3], "-D", "d", "-t", "train", "--shard", shard])
+    code, message = fails(train.main, [*args, "-e", "3"])
+    assert code == 4 and "held out scene2/view2; " in message and " scene4/view4;" in message
+    old = json.loads(config.read_text())
+    del old["held_out"]  # as results were written before they said
+    config.write_text(json.dumps(old))
+    train.main([*args, "-e", "3"])
+
+
 def test_damaged_checkpoint(raw, work, fails):
     args = [*RAW, "-D", str(raw), "-r", "a"]
     train.main([*args, "-e", "1"])
