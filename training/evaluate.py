@@ -145,16 +145,21 @@ def trained_features(path: Path, features: list[str]) -> list[str]:
 
 
 def load_denoiser(path: Path, features: list[str]) -> Denoiser | Program:
-    """Our network of a weights file, as torch runs it; integer models as the C core does."""
+    """Our network of a weights file, as torch runs it; integer models as the C core does.
+
+    features: as of parse_model. The transfer function is the one that trainings have by default."""
     with errors.reading(path):
         is_integer = any(t.dtype == np.int8 for t in Reader(path).values())
     if is_integer:
         return Program(path, features)
+    derived = derive("evaluate", {"features": features, "transfer": None})
     model = from_tensors(read_weights(path)).eval()
     if model.net.family == "U" and model.inputs != 3 * len(features):
         raise ToolError(f"{path}: has {model.inputs} input channels, {','.join(features)} are "
                         f"{3 * len(features)}", USAGE)
-    return Denoiser(model, features, features[0], "pu", [])
+    if model.net.family == "K":
+        model.transfer = derived["transfer"]
+    return Denoiser(model, features, features[0], derived["transfer"], [])
 
 
 def noise_of_reference(case: Case, error: float) -> float:
@@ -324,10 +329,13 @@ def main(argv: list[str]) -> None:
             figures += [{"weights": path.name, "set": title, **r} for r in rows]
         if len(figures) == before:
             raise ToolError(f"{path}: no picture has {','.join(features)}", DATA)
-    if args.json:
-        args.json.write_text(json.dumps(figures, indent=1) + "\n")
-    if args.report:
-        write_report(args.report, "\n".join(lines))
+    try:
+        if args.report:
+            write_report(args.report, "\n".join(lines))
+    finally:  # what was measured is kept where the report cannot be
+        if args.json:
+            with replacing(args.json) as tmp:
+                tmp.write_text(json.dumps(figures, indent=1) + "\n")
 
 
 if __name__ == "__main__":

@@ -151,3 +151,23 @@ def test_arguments_that_cannot_be(work, fails, arguments, code, text):
     weights("a.tza", ["hdr"])
     got, message = fails(evaluate.main, [*arguments, "--no_oidn"])
     assert got == code and text in message
+
+
+def test_clipped_pictures_have_the_transfer_of_their_training(work):
+    for content, transfer in ("hdr", "pu"), ("ldr", "srgb"):
+        weights("a.tza", ["hdr"])
+        assert evaluate.load_denoiser(Path("a.tza"), [content]).transfer == transfer
+
+
+def test_figures_are_kept_where_the_report_cannot_be(work, raw, fails):
+    """Folders are made; a report without marks, or what cannot be written, is an error."""
+    weights("a.tza", ["hdr"])
+    args = ["a.tza=hdr", "--images", str(raw / "valid")]
+    Path("report.md").write_text("no marks")
+    Path("file").touch()
+    with pytest.raises(ToolError, match="has no marks"):
+        scored(work, "new/x.json", *args, "--report", "report.md")
+    assert len(json.loads(Path("new/x.json").read_text())) == 4
+    code, message = fails(evaluate.main, [*args, "--no_oidn", "--metric", "psnr", "--report",
+                                          "new.md", "--json", "file/x.json"])
+    assert code == 5 and "file/x.json" in message and Path("new.md").exists()
