@@ -2,6 +2,9 @@
 
 Under torchrun its environment decides (one machine or many). Else --num_devices n starts n
 processes here. gloo connects CPU processes, NCCL those on CUDA devices.
+
+Requests to end (Ctrl-C, SIGTERM) reach all processes: the one that started others passes them on
+and waits, those of a training agree after which step they stop, and loaders follow them.
 """
 from __future__ import annotations
 
@@ -9,16 +12,20 @@ import contextlib
 import ctypes
 import functools
 import importlib
+import multiprocessing.popen_fork
 import os
+import signal
 import socket
 import sys
 from collections.abc import Callable, Iterable
+from multiprocessing.context import ForkContext, ForkProcess
 
 import torch
 import torch.distributed as dist
 from torch import Tensor
 
-from training.errors import STATE, USAGE, ToolError
+from training.errors import INTERRUPTED, STATE, USAGE, ToolError
+from training.interrupt import Interrupted, Interrupts
 from training.optimizer import Optimizer
 from training.settings import Settings
 
@@ -55,6 +62,19 @@ class Team:
         t = torch.tensor(value, dtype=torch.float64, device=self.device)
         dist.broadcast(t, 0)
         return float(t)
+
+    def any(self, value: bool) -> bool:
+        """Whether it holds in one of the processes."""
+        if self.world == 1:
+            return value
+        t = torch.tensor(float(value))  # on the CPU: devices go on with what they do
+        dist.all_reduce(t)
+        return bool(t)
+
+    def wait(self) -> None:
+        """Until all processes have come here."""
+        if self.world > 1:
+            dist.barrier()
 
 
 def open_device(settings: Settings, index: int = 0) -> torch.device:
@@ -118,22 +138,51 @@ def launch(work: Callable[[Settings, Team], None], settings: Settings) -> None:
             s.bind(("127.0.0.1", 0))
             port = s.getsockname()[1]
         os.environ |= {"MASTER_ADDR": "127.0.0.1", "MASTER_PORT": str(port)}
-        try:
-            torch.multiprocessing.spawn(_spawned, (work, settings), settings.num_devices)
-        except torch.multiprocessing.ProcessExitedException as e:
-            raise ToolError("a training process failed (see above)", e.exit_code or STATE) from e
+        _spawn(work, settings)
     else:
         configure(settings)
         work(settings, Team(0, 1, open_device(settings)))
 
 
+def _spawn(work, settings: Settings) -> None:
+    """Start the processes and wait for them; if interrupted, for what they save."""
+    with Interrupts() as interrupts:
+        started = torch.multiprocessing.spawn(_spawned, (work, settings), settings.num_devices,
+                                              join=False)
+        try:
+            with interrupts.at_once():
+                while not started.join():
+                    pass
+        except Interrupted:
+            _end(started.processes)
+            sys.exit(INTERRUPTED)
+        except torch.multiprocessing.ProcessExitedException as e:
+            if e.exit_code == INTERRUPTED:
+                sys.exit(INTERRUPTED)
+            raise ToolError("a training process failed (see above)", e.exit_code or STATE) from e
+
+
+def _end(processes: list) -> None:
+    """Ask processes to end, and wait until they have; interrupted once more, kill them."""
+    try:
+        for process in processes:
+            process.terminate()
+        for process in processes:
+            process.join()
+    except KeyboardInterrupt:
+        for process in processes:
+            process.kill()
+        raise
+
+
 def _spawned(rank: int, work, settings: Settings) -> None:
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         _member(rank, work, settings, settings.num_devices, rank)
-    except ToolError as e:
+    except (ToolError, KeyboardInterrupt) as e:
         if rank == 0:
-            print(f"Error: {e}", file=sys.stderr)
-        sys.exit(e.code)
+            print(f"Error: {e or 'interrupted'}", file=sys.stderr)
+        sys.exit(e.code if isinstance(e, ToolError) else INTERRUPTED)
 
 
 def _member(rank: int, work, settings: Settings, world: int, local: int) -> None:
@@ -145,11 +194,12 @@ def _member(rank: int, work, settings: Settings, world: int, local: int) -> None
     # Its functions keep the group that is open when an optimiser first imports them, with its
     # threads; a thread that lives on while the interpreter ends may abort it.
     importlib.import_module("torch.distributed.nn.functional")
-    dist.init_process_group("nccl" if device.type == "cuda" else "gloo", rank=rank,
+    dist.init_process_group("cpu:gloo,cuda:nccl" if device.type == "cuda" else "gloo", rank=rank,
                             world_size=world)
+    team = Team(rank, world, device)
     try:
-        work(settings, Team(rank, world, device))
-        dist.barrier()  # nobody leaves while another may still need it
+        work(settings, team)
+        team.wait()  # nobody leaves while another may still need it
     finally:
         dist.destroy_process_group()
 
@@ -157,10 +207,35 @@ def _member(rank: int, work, settings: Settings, world: int, local: int) -> None
 def loader(batches, steps: range, settings: Settings, team: Team) -> Iterable:
     """Batches number `steps`, made by --num_loaders processes ahead of time, or here if 0."""
     workers = min(settings.num_loaders, len(steps))
+    forks = workers > 0 and sys.platform == "linux"
     return torch.utils.data.DataLoader(
         batches, batch_size=None, sampler=steps, num_workers=workers,
-        multiprocessing_context="fork" if workers and sys.platform == "linux" else None,
+        multiprocessing_context=_LoaderContext() if forks else None,
+        worker_init_fn=_ignore_interrupts if forks else None,
         pin_memory=team.device.type == "cuda")
+
+
+class _LoaderPopen(multiprocessing.popen_fork.Popen):
+    def terminate(self) -> None:
+        with contextlib.suppress(ValueError):  # not in the main thread
+            signal.signal(signal.SIGCHLD, signal.SIG_DFL)  # DataLoader's takes it for a failure
+        self.kill()
+
+
+class _LoaderProcess(ForkProcess):
+    _Popen = _LoaderPopen
+
+
+class _LoaderContext(ForkContext):
+    """Of loaders: they ignore what is sent to all processes of a training, which needs their
+    batches to end a step, and so have to be killed if they hang."""
+    Process = _LoaderProcess
+
+
+def _ignore_interrupts(_: int) -> None:
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)
+    sys.excepthook = lambda *_: None  # of the thread that is left alone while it hands over a batch
 
 
 def uses_graphs(settings: Settings, team: Team) -> bool:

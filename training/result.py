@@ -6,7 +6,8 @@
                    checkpoints/latest               ASCII epoch of the newest checkpoint
                    log/                             TensorBoard
 Checkpoints hold epoch, step, model_state, optimizer_state (these are theirs too), ema_state,
-elapsed and best; with the settings they decide everything that follows.
+elapsed and best, and `ending`: whether the validation after these steps is still to be made. With
+the settings they decide everything that follows.
 """
 from __future__ import annotations
 

@@ -22,8 +22,8 @@ if __name__ == "__main__" and not __package__:  # run as a file: go on as a modu
 
 import math
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
 import torch
@@ -35,6 +35,7 @@ from training.data import Alternating, Batches, Picture, from_raw
 from training.dead import REVIVED_UNTIL, Channels, report, revive
 from training.errors import DATA, INTERRUPTED, STATE, ToolError
 from training.integer_stage import quantize_aware
+from training.interrupt import Interrupted, Interrupts
 from training.loss import balance, loss_of_settings
 from training.optimizer import Optimizer
 from training.result import Result, load_tensors, make_model, weights_of
@@ -43,7 +44,7 @@ from training.schedule import Plan, one_cycle
 from training.settings import Settings, parse, unique_id
 from training.store import find_stored, read_pictures
 from training.teacher import Teacher
-from training.validate import Board, validate
+from training.validate import Board, Scores, validate
 from training.widths import fitted
 
 # Settings that a resumed training may change; all others must be as they were.
@@ -112,14 +113,16 @@ def worker(settings: Settings, team: parallel.Team) -> None:
     mixed = parallel.Mixed(settings, team)
     channels = Channels(model)
 
-    # State: the steps done, the seconds they took, the best validation.
-    step, elapsed, best = 0, 0.0, math.inf
+    # State: the steps done, the seconds they took, the best validation, and whether the steps end
+    # an epoch (or the training) whose validation is still to come.
+    step, elapsed, best, ending = 0, 0.0, math.inf, False
     if resuming:
         state = result.load(device=team.device)
         load_tensors(model, state["model_state"], result.name)
         optimizer.load_state_dict(state["optimizer_state"])
         step = state.get("step", state["epoch"] * steps_per_epoch)
         elapsed, best = state.get("elapsed", 0.0), state.get("best", math.inf)
+        ending = state.get("ending", False)
         if plan.budget and plan.budget == state.get("budget"):
             plan.planned, plan.since = state.get("planned"), state.get("since", (0, 0.0))
         if ema and state.get("ema_state"):
@@ -137,19 +140,55 @@ def worker(settings: Settings, team: parallel.Team) -> None:
     def snapshot() -> dict:
         names = [k for k, _ in model.named_parameters()]
         return {"step": step, "elapsed": elapsed + time.monotonic() - start, "best": best,
-                "planned": plan.planned, "since": plan.since, "budget": plan.budget,
+                "ending": ending, "planned": plan.planned, "since": plan.since,
+                "budget": plan.budget,
                 "model_state": model.state_dict(), "optimizer_state": optimizer.state_dict(),
                 "ema_state": dict(zip(names, ema)) if ema else None, "scaler_state": mixed.state(),
                 "channels": channels.state()}
+
+    def at_end() -> bool:
+        return step % steps_per_epoch == 0 or plan.over(step)
+
+    def end_epoch(pace: float | None = None) -> None:
+        """What the end of an epoch or of the training brings; steps took `pace` seconds. Where a
+        validation is interrupted, a resumed training does it again."""
+        nonlocal best, ending
+        epoch, finished = -(-step // steps_per_epoch), plan.over(step)
+        judged = finished or due(epoch, settings.num_valid_epochs)
+        dead = channels.dead()
+        if dead is not None:
+            if team.rank == 0:
+                report(dead, board, epoch, aloud=judged)
+            if plan.progress(step) < REVIVED_UNTIL:
+                revive(model, dead, settings.seed + step)
+        scores = judge() if valid and judged else None
+        ending = False
+        if scores:
+            board.validation(epoch, scores)
+            if scores.loss < best:
+                best = scores.loss
+                if team.rank == 0:
+                    result.save_best(epoch, snapshot())
+        if pace and plan.budget and plan.planned and not finished:
+            remain = team.same(plan.budget - elapsed - (time.monotonic() - start))
+            if plan.revise(step, remain, team.same(pace)):
+                say(f"{plan.planned} steps fit now")
+        if team.rank == 0 and (finished or due(epoch, settings.num_save_epochs)):
+            result.save(epoch, snapshot())
+
+    def judge() -> Scores:
+        return validate(model, ema, valid, settings, loss_of, team, bar, interrupts.check)
 
     board = Board(result.folder / "log", settings, enabled=team.rank == 0)
     steps = range(step, step if plan.over(step) else plan.total)
     loader = parallel.loader(batches, steps, settings, team)
     bar, start = Bar(enabled=team.rank == 0), time.monotonic()
     loss_sum, loss_count, epoch_start = torch.zeros((), device=team.device), 0, start
-    step_start = start
+    step_start, interrupts = start, Interrupts()
     try:
-        for x, y in loader:
+        if ending and at_end():
+            end_epoch()
+        for x, y in until_asked(loader, interrupts, team):
             # Learning rate and momentum: one cycle over the steps.
             rate, beta1 = one_cycle(plan.progress(step), settings)
             optimizer.schedule(rate, beta1)
@@ -174,6 +213,7 @@ def worker(settings: Settings, team: parallel.Team) -> None:
                 decay = min(settings.ema, (step + 1) / (step + 10))
                 torch._foreach_lerp_(ema, [p.detach() for p in params], 1 - decay)
             step += 1
+            ending = at_end()
             loss_sum += loss.detach()
             loss_count += 1
 
@@ -182,7 +222,7 @@ def worker(settings: Settings, team: parallel.Team) -> None:
                 now = time.monotonic()
                 if team.same(plan.timed(now - step_start)):
                     if valid:
-                        validate(model, ema, valid, settings, loss_of, team, bar)
+                        judge()
                     every = settings.num_valid_epochs * steps_per_epoch if valid else 0
                     left = plan.budget - elapsed - (time.monotonic() - start)
                     validation = team.same(time.monotonic() - now)
@@ -195,8 +235,7 @@ def worker(settings: Settings, team: parallel.Team) -> None:
             epoch, index = divmod(step - 1, steps_per_epoch)
             epoch += 1
             bar.show(f"Train {epoch:>4}/{settings.num_epochs}", (index + 1) / steps_per_epoch)
-            finished = plan.over(step)
-            if index + 1 < steps_per_epoch and not finished:
+            if not ending:
                 continue
             mean_loss = float(team.mean(loss_sum / loss_count))
             if not math.isfinite(mean_loss):
@@ -207,39 +246,37 @@ def worker(settings: Settings, team: parallel.Team) -> None:
             bar.end(f"loss={mean_loss:.6f}, lr={rate:.3g} ({rate_images:.1f} images/s, "
                     f"{duration(now - epoch_start)}, eta {duration(left)})")
             board.scalars(epoch, loss=mean_loss, learning_rate=rate)
-            judged = finished or due(epoch, settings.num_valid_epochs)
-            dead = channels.dead()
-            if dead is not None:
-                if team.rank == 0:
-                    report(dead, board, epoch, aloud=judged)
-                if plan.progress(step) < REVIVED_UNTIL:
-                    revive(model, dead, settings.seed + step)
-            if valid and judged:
-                scores = validate(model, ema, valid, settings, loss_of, team, bar)
-                board.validation(epoch, scores)
-                if scores.loss < best:
-                    best = scores.loss
-                    if team.rank == 0:
-                        result.save_best(epoch, snapshot())
-            if plan.budget and plan.planned and not finished:
-                remain = team.same(plan.budget - elapsed - (time.monotonic() - start))
-                if plan.revise(step, remain, team.same((now - epoch_start) / loss_count)):
-                    say(f"{plan.planned} steps fit now")
-            if team.rank == 0 and (finished or due(epoch, settings.num_save_epochs)):
-                result.save(epoch, snapshot())
+            end_epoch((now - epoch_start) / loss_count)
             loss_sum, loss_count, epoch_start = torch.zeros_like(loss_sum), 0, time.monotonic()
-            if finished:
+            if plan.over(step):
                 break
-    except KeyboardInterrupt:
+        if team.any(interrupts.asked):
+            raise Interrupted
+    except Interrupted:
         if team.rank == 0 and step:
             result.save(step // steps_per_epoch, snapshot())
+        team.wait()
         raise ToolError(f"interrupted after {step} steps; the same command resumes",
                         INTERRUPTED) from None
     finally:
         board.close()
+        interrupts.close()
     say(f"Finished ({duration(time.monotonic() - start)})")
     if settings.quantize_aware and team.rank == 0:
         quantize_aware(result, settings, pictures, say)
+
+
+def until_asked(loader: Iterable, interrupts: Interrupts, team: parallel.Team) -> Iterator:
+    """Batches of a loader; Interrupted before the one that follows a request in any process. While
+    one process waits for a batch by itself, at once."""
+    batches = iter(loader)
+    while not team.any(interrupts.asked):
+        with interrupts.at_once() if team.world == 1 else nullcontext():
+            batch = next(batches, None)
+        if batch is None:
+            return
+        yield batch
+    raise Interrupted
 
 
 def make_batches(pictures: list[Picture], settings: Settings,

@@ -21,6 +21,7 @@ from training import color, kernel_model, metrics
 from training.console import Bar
 from training.data import Picture
 from training.errors import ToolError
+from training.interrupt import Interrupted
 from training.scan import CHANNELS
 from training.settings import Settings
 
@@ -64,12 +65,19 @@ def averaged(model: torch.nn.Module, ema: list[Tensor]):
 
 
 def validate(model: torch.nn.Module, ema: list[Tensor], valid: list[Picture], settings: Settings,
-             loss_of: Callable, team, bar: Bar) -> Scores:
-    """Rank 0 does the work; all ranks get its loss."""
-    scores = Scores()
+             loss_of: Callable, team, bar: Bar, check: Callable) -> Scores:
+    """Rank 0 does the work; all ranks get its loss. `check` is called before each tile; what it
+    raises, Interrupted, all ranks raise."""
+    scores, stopped = Scores(), False
     if team.rank == 0:
-        with averaged(model, ema), torch.no_grad():
-            scores = score(model, valid, settings, loss_of, team.device, bar)
+        try:
+            with averaged(model, ema), torch.no_grad():
+                scores = score(model, valid, settings, loss_of, team.device, bar, check)
+        except Interrupted:
+            stopped = True
+    if team.same(stopped):
+        raise Interrupted
+    if team.rank == 0:
         m, n = scores.metrics, scores.noisy
         bar.title = "Valid"
         bar.end(f"valid_loss={scores.loss:.6f}, psnr={m['psnr']:.2f} (noisy {n['psnr']:.2f}), "
@@ -80,7 +88,7 @@ def validate(model: torch.nn.Module, ema: list[Tensor], valid: list[Picture], se
 
 
 def score(model, valid: list[Picture], settings: Settings, loss_of: Callable, device,
-          bar: Bar) -> Scores:
+          bar: Bar, check: Callable) -> Scores:
     transfer = color.TRANSFERS[settings.transfer]
     m = CHANNELS[settings.main_feature]
     names = metric_names()
@@ -90,6 +98,7 @@ def score(model, valid: list[Picture], settings: Settings, loss_of: Callable, de
         grid = tiles(*picture.target.shape[:2], settings.tile_size)
         for codes, spp in zip(picture.inputs, picture.weights):
             for y, x, t in grid:
+                check()
                 cut = np.s_[y:y + t, x:x + t]
                 target = picture.target[cut].astype(np.float32)
                 source = codes[cut].astype(np.float32)

@@ -4,6 +4,7 @@ import json
 import math
 import os
 import re
+import signal
 import socket
 import subprocess
 import sys
@@ -89,7 +90,7 @@ def test_resumed_run_equals_an_uninterrupted_one(raw, work, capsys, optimizer):
 
 
 class Stop:
-    """Interrupts a training like Ctrl-C before step number `after`."""
+    """Ctrl-C in step number `after` of a training."""
 
     def __init__(self, after: int):
         self.after, self.count = after, 0
@@ -98,9 +99,9 @@ class Stop:
         self.kept = train.one_cycle
 
         def one_cycle(*args):
-            if self.count == self.after:
-                raise KeyboardInterrupt
             self.count += 1
+            if self.count == self.after:
+                signal.raise_signal(signal.SIGINT)
             return self.kept(*args)
         train.one_cycle = one_cycle
 
