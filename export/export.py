@@ -30,8 +30,8 @@ def main(argv: list[str]) -> None:
     settings = parse("export", argv, __doc__)
     if settings.int8 and settings.target != "weights":
         raise ToolError("--int8 goes with the target weights", USAGE)
-    if settings.prune < 0 or (settings.prune and not settings.int8):
-        raise ToolError("--prune N goes with --int8, N at least 1", USAGE)
+    if settings.prune and not settings.int8:
+        raise ToolError("--prune goes with --int8", USAGE)
     print(f"PyTorch: {torch.__version__}")
     result = Result(settings.results_dir, settings.result)
     if state_file(settings):

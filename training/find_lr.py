@@ -45,8 +45,6 @@ def worker(settings: Settings, team: parallel.Team) -> None:
     pictures, *_ = open_data(settings, print if team.rank == 0 else lambda *a: None)
     batches = make_batches(pictures, settings, team)
     steps = settings.num_steps or max(batches.steps_per_epoch, MIN_STEPS)
-    if steps < 2:
-        raise ToolError("--num_steps: a sweep needs at least 2", USAGE)
     torch.manual_seed(settings.seed)
     model = make_model(settings).to(team.device, memory_format=torch.channels_last)
     optimizer = Optimizer(model.parameters(), settings.learning_rate, settings.optimizer)

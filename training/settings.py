@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 import os
 import re
 import socket
@@ -90,7 +89,9 @@ def parse(script: str, argv: list[str], doc: str = "", **more: Any) -> Settings:
     rows = {o.key: o for o in OPTIONS if letter in o.scripts}
     values = {key: o.default_for(letter) for key, o in rows.items()} | more
     if given.get("config"):
-        values |= read_config(Path(given["config"]), rows)
+        values |= read_config(Path(given["config"]), rows, letter)
+    for key, value in given.items():
+        check(key if key in POSITIONAL else f"--{key}", value, rows[key])
     values |= given
     for key, count in POSITIONAL.items():
         have = values.get(key) or []
@@ -99,8 +100,9 @@ def parse(script: str, argv: list[str], doc: str = "", **more: Any) -> Settings:
     return Settings(derive(script, values))
 
 
-def read_config(path: Path, rows: dict[str, Option]) -> dict[str, Any]:
-    """The JSON object of a settings file, with every key checked against the script's options."""
+def read_config(path: Path, rows: dict[str, Option], script: str) -> dict[str, Any]:
+    """The JSON object of a settings file, checked against the script's options. An option without
+    a default may be null."""
     try:
         loaded = json.loads(path.read_text())
     except OSError as e:
@@ -112,16 +114,21 @@ def read_config(path: Path, rows: dict[str, Option]) -> dict[str, Any]:
     unknown = sorted(set(loaded) - set(rows))
     if unknown:
         raise ToolError(f"{path}: unknown settings: {', '.join(unknown)}", USAGE)
+    if isinstance(loaded.get("layers"), dict):
+        loaded["layers"] = [f"{feature}={prefix}" for feature, prefix in loaded["layers"].items()]
     for key, value in loaded.items():
-        wanted = rows[key].kind.get("type")
-        choices = rows[key].kind.get("choices")
-        for v in value if isinstance(value, list) else [value]:
-            if wanted in (int, float) and v is not None and (
-                    isinstance(v, bool) or not isinstance(v, (int, wanted))):
-                raise ToolError(f"{path}: {key}: {v!r} is not a number", USAGE)
-            if choices and v is not None and v not in choices:
-                raise ToolError(f"{path}: {key}: '{v}' is not one of {', '.join(choices)}", USAGE)
+        if value is not None or rows[key].default_for(script) is not None:
+            check(f"{path}: {key}", value, rows[key])
     return loaded
+
+
+def check(name: str, value: Any, option: Option) -> None:
+    """ToolError if an option, which is called by `name`, does not take a value."""
+    if option.is_list and not isinstance(value, list):
+        raise ToolError(f"{name}: {value!r} is not a list", USAGE)
+    for v in value if option.is_list else [value]:
+        if not option.takes(v):
+            raise ToolError(f"{name}: {v!r} is not {option.taken}", USAGE)
 
 
 def unique_id() -> str:
@@ -169,7 +176,7 @@ def derive(script: str, v: dict[str, Any]) -> dict[str, Any]:
         v["features"] = _features(v["features"])
         v["main_feature"] = main_feature(v["features"])
         v["aux_features"] = [f for f in v["features"] if f != v["main_feature"]]
-    if "layers" in v and not isinstance(v["layers"], dict):
+    if "layers" in v:
         v["layers"] = _layers(v["layers"])
     if v.get("shard"):
         v["shard"] = _shard(v["shard"])
@@ -194,12 +201,12 @@ def derive(script: str, v: dict[str, Any]) -> dict[str, Any]:
     if script == "train":
         _derive_rates(v)
     if script in ("train", "find_lr"):
-        if v["batch_size"] < 1 or v["batch_size"] % max(v["num_devices"], 1):
+        if v["batch_size"] % v["num_devices"]:
             raise ToolError(f"--batch_size {v['batch_size']} does not divide by "
                             f"--num_devices {v['num_devices']}", USAGE)
         if v["tile_size"] < 16 or v["tile_size"] % 16:
             raise ToolError(f"--tile_size {v['tile_size']}: not a multiple of 16", USAGE)
-        if v.get("large_tiles") and v["batch_size"] % (4 * max(v["num_devices"], 1)):
+        if v.get("large_tiles") and v["batch_size"] % (4 * v["num_devices"]):
             raise ToolError(f"--large_tiles: a quarter of --batch_size {v['batch_size']} does not "
                             f"divide by --num_devices {v['num_devices']}", USAGE)
         if v["seed"] is None:
@@ -239,15 +246,8 @@ def _derive_rates(v: dict[str, Any]) -> None:
         v["max_learning_rate"] = rate * v["batch_size"]
     if v["learning_rate"] is None:
         v["learning_rate"] = v["max_learning_rate"] / 25
-    for key in ("max_learning_rate", "learning_rate"):
-        if not 0 < v[key] < math.inf:
-            raise ToolError(f"--{key}: {v[key]:g} is not a positive number", USAGE)
-    if not 0 <= v["learning_rate_warmup"] < 1:
-        raise ToolError("--learning_rate_warmup: not in [0,1)", USAGE)
     if v["num_epochs"] < 1:
         raise ToolError("--num_epochs: not positive", USAGE)
-    if v["quantize_aware"] < 0 or v["quantize_rate"] <= 0:
-        raise ToolError("--quantize_aware and --quantize_rate: not positive", USAGE)
 
 
 def input_channels(features: list[str]) -> int:

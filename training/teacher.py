@@ -40,8 +40,6 @@ class Teacher:
 
     def __init__(self, settings: Settings, device: torch.device):
         name, self.share, self.seed = settings.teacher, settings.teacher_share, settings.seed
-        if not 0 < self.share <= 1:
-            raise ToolError(f"--teacher_share {self.share}: not in (0,1]", USAGE)
         model = load_teacher(name, settings)
         inputs = model.inputs if settings.family == "K" else input_channels(settings.features)
         outputs = output_channels(settings.main_feature)

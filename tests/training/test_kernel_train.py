@@ -292,7 +292,7 @@ def test_weights_of_elsewhere(raw, work, fails, capsys):
     (["hdr", "--net", "kernel5", "-m", "w16"], "not of the topology"),
     (["hdr", "-m", "w16", "--clip", "0.1"], "options of family K"),
     (["hdr", "-m", "kernel5:4"], "needs 14 widths"),
-    (["hdr", "--quantize_aware", "-1"], "not positive")])
+    (["hdr", "--quantize_aware", "-1"], "a whole number from 0")])
 def test_wrong_options(fails, args, word):
     code, message = fails(lambda argv: parse("train", argv), args)
     assert code == 2 and word in message

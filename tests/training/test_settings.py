@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from export import golden, manifest
 from training.settings import OPTIONS, SCRIPTS, make_parser, parse, seconds
@@ -147,6 +148,56 @@ def test_settings_file(tmp_path, fails):
         got, message = fails(lambda argv: parse("train", argv), ["hdr", "-c", str(path)])
         assert got == code and str(path) in message
     assert fails(lambda argv: parse("train", argv), ["hdr", "-c", "missing.json"])[0] == 3
+
+
+@pytest.mark.parametrize("script, args, text", [
+    ("train", ["--seed", "-1"], "--seed: -1 is not a whole number from 0 to"),
+    ("train", ["--seed", "99999999999999999999999"], "--seed: "),
+    ("train", ["-j", "-1"], "--num_loaders: "),
+    ("train", ["--exposure_jitter", "-3"], "--exposure_jitter: -3.0 is not a number from 0"),
+    ("train", ["--average_inputs", "2"], "--average_inputs: 2.0 is not a number from 0 to 1"),
+    ("train", ["--ema", "2"], "--ema: "), ("train", ["--grad_clip", "nan"], "--grad_clip: nan"),
+    ("train", ["--large_tiles", "-3"], "--large_tiles: "), ("train", ["-n", "0"], "--num_devices"),
+    ("train", ["--hold_out", "-2"], "--hold_out: "), ("train", ["-b", "0"], "--batch_size: "),
+    ("train", ["--lr_warmup", "1"], "--learning_rate_warmup: 1.0 is not a number from 0, below 1"),
+    ("train", ["--teacher_share", "3"], "--teacher_share: 3.0 is not a number above 0, to 1"),
+    ("train", ["--balance", "inf"], "--balance: inf is not a number"),
+    ("train", ["-e", "99999999999"], "--num_epochs: "), ("find_lr", ["--num_steps", "1"], "steps"),
+    ("find_lr", ["--max_lr", "inf"], "--max_learning_rate: inf is not a number above 0")])
+def test_numbers_out_of_range(fails, script, args, text):
+    code, message = fails(lambda argv: parse(script, argv), ["hdr", *args])
+    assert code == 2 and text in message
+
+
+def test_numbers_at_their_bounds():
+    s = parse("train", ["hdr", "--ema", "1", "--grad_clip", "inf", "--balance", "-0.5", "-j", "0",
+                        "--seed", str(2**63 - 1), "--valid_epochs", "-1", "--lr_warmup", "0"])
+    assert (s.ema, s.grad_clip, s.balance, s.num_valid_epochs) == (1, float("inf"), -0.5, -1)
+    torch.manual_seed(s.seed)
+
+
+@pytest.mark.parametrize("key, value, text", [
+    ("raw", "false", "true or false"), ("raw", 0, "true or false"), ("batch_size", [4], "number"),
+    ("batch_size", 4.0, "number"), ("batch_size", True, "number"), ("msssim_weights", 0.2, "list"),
+    ("msssim_weights", ["a"], "number"), ("model", ["w8"], "text"), ("ema", None, "number"),
+    ("features", [1], "text"), ("features", "hdr", "list"), ("loss", 1, "one of l1, "),
+    ("bilateral", False, "one of 0, "), ("time_budget", ["1h"], "text"), ("seed", -1, "from 0 to"),
+    ("layers", [["alb"]], "text"), ("teacher_share", 3, "above 0, to 1")])
+def test_kinds_of_a_settings_file(work, fails, key, value, text):
+    Path("s.json").write_text(json.dumps({"features": ["hdr"], key: value}))
+    code, message = fails(lambda argv: parse("train", argv), ["-c", "s.json"])
+    assert code == 2 and re.match(rf"s\.json: {key}: .* is not .*{text}", message), message
+
+
+def test_what_a_settings_file_may_hold(work):
+    held = {"features": ["hdr", "alb"], "raw": True, "ema": 0, "seed": None, "loss": None,
+            "learning_rate": None, "time_budget": 90, "layers": {"albedo": "MyAlbedo"}}
+    Path("s.json").write_text(json.dumps(held))
+    s = parse("train", ["-c", "s.json"])
+    assert s.raw is True and s.ema == 0 and s.time_budget == 90 and s.learning_rate > 0
+    assert s.layers == {"alb": "MyAlbedo"} and s.loss == "l1_msssim"
+    Path("s.json").write_text('{"num_epochs": null, "result": "a"}')
+    assert parse("infer", ["-c", "s.json"]).num_epochs is None
 
 
 def test_times():

@@ -98,7 +98,7 @@ def test_unfit_teachers_are_refused(raw, work, fails):
     args = [*RAW, "-D", str(raw), "-e", "1", "-r", "k", "--teacher"]
     for more, text in ((["u.pt"], "inputs or outputs"), (["none.pt"], "no known network"),
                        (["gone.tza"], "gone.tza"), (["gone"], "does not exist"),
-                       (["u.pt", "--teacher_share", "0"], "not in (0,1]")):
+                       (["u.pt", "--teacher_share", "0"], "above 0, to 1")):
         code, message = fails(train.main, [*args, *more])
         assert code in (2, 4) and text in message, message
     assert not Path("results/k").exists()
