@@ -17,6 +17,9 @@ from pathlib import Path
 
 from export.kernel import IntTrunk, int_trunk
 from export.tza import Reader, TzaError
+from training import errors
+from training.errors import USAGE, ToolError
+from training.imageio import replacing
 
 FOLDER = Path(__file__).resolve().parent.parent / "weights"
 FIELDS = ("file", "sha256", "net", "features", "data", "config", "scores", "licence")
@@ -95,13 +98,19 @@ def check(folder: Path) -> list[str]:
 
 
 def add(folder: Path, row: dict[str, str]) -> None:
+    """Adds a row to a MANIFEST, or replaces that of its file. ToolError if it does not fit into
+    one; ValueError if the MANIFEST cannot be read."""
+    for field in FIELDS:
+        if "\t" in row[field] or len(f"{row[field]}|".splitlines()) > 1:
+            raise ToolError(f"--{field}: tabs and line breaks end a field", USAGE)
     path = folder / "MANIFEST"
     rows = [r for r in (read(path) if path.exists() else []) if r["file"] != row["file"]]
     rows = sorted([*rows, row], key=lambda r: r["file"])
-    path.write_text(TEXT + "".join("\t".join(r[f] for f in FIELDS) + "\n" for r in rows))
+    with replacing(path) as tmp:
+        tmp.write_text(TEXT + "".join("\t".join(r[f] for f in FIELDS) + "\n" for r in rows))
 
 
-def main(argv: list[str] | None = None) -> int:
+def main(argv: list[str]) -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--folder", type=Path, default=FOLDER)
     parser.add_argument("--check", action="store_true")
@@ -113,15 +122,17 @@ def main(argv: list[str] | None = None) -> int:
     args = parser.parse_args(argv)
     if args.add:
         path = args.folder / args.add
-        add(args.folder, {"file": args.add, "sha256": digest(path),
-                          "net": args.net or describe(path), "features": args.features,
-                          "data": args.data, "config": args.config, "scores": args.scores,
-                          "licence": args.licence})
+        with errors.reading(path):
+            add(args.folder, {"file": args.add, "sha256": digest(path),
+                              "net": args.net or describe(path), "features": args.features,
+                              "data": args.data, "config": args.config, "scores": args.scores,
+                              "licence": args.licence})
     problems = check(args.folder)
     print("\n".join(problems) or f"{len(read(args.folder / 'MANIFEST'))} weights files as listed",
           file=sys.stderr if problems else sys.stdout)
-    return 1 if problems else 0
+    if problems:
+        sys.exit(1)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    errors.run(main)

@@ -12,6 +12,8 @@ import pytest
 import torch
 
 from export import golden, manifest
+from export.tza import write_weights
+from training import nets
 from training.settings import OPTIONS, SCRIPTS, make_parser, parse, seconds
 
 # Options of Open Image Denoise's toolkit: spellings and the scripts that take them.
@@ -222,6 +224,43 @@ def test_manifest_lists_the_weights(root, tmp_path):
     (tmp_path / rows[0]["file"]).write_bytes(b"y")
     problems = manifest.check(tmp_path)
     assert "new.tza: has no row" in problems and f"{rows[0]['file']}: sha256 differs" in problems
+
+
+def test_rows_of_a_manifest(tmp_path, fails, monkeypatch):
+    """Whole or not at all, and never such as cannot be read."""
+    def add(file: str, **more: str) -> list[str]:
+        told = {"features": "hdr", "data": "d", "config": "c", "scores": "s", **more}
+        return ["--folder", str(tmp_path), "--add", file,
+                *(v for k, x in told.items() for v in (f"--{k}", x))]
+
+    for file, model in (("a.tza", "w8"), ("k.tza", "kernel5:" + ",".join(["8"] * 14))):
+        tensors = nets.build(model, 3).state_dict()
+        write_weights(tmp_path / file, {k: v.numpy() for k, v in tensors.items()})
+    (tmp_path / "b.tza").write_bytes(b"x")
+    for wrong, code, text in ((add("none.tza"), 3, "none.tza: cannot read"),
+                              (add("b.tza"), 4, "b.tza: too short"), (add("k.tza"), 4, "k.tza: "),
+                              (add("a.tza", data="two\nlines"), 2, "--data: tabs and line"),
+                              (add("a.tza", scores="1\t2"), 2, "--scores: "),
+                              (add("a.tza", net="ends\n"), 2, "--net: ")):
+        got, message = fails(manifest.main, wrong)
+        assert got == code and text in message
+        assert not (tmp_path / "MANIFEST").exists()
+    (tmp_path / "b.tza").unlink()
+    (tmp_path / "k.tza").unlink()
+    manifest.main(add("a.tza"))
+    assert [r["data"] for r in manifest.read(tmp_path / "MANIFEST")] == ["d"]
+    before = (tmp_path / "MANIFEST").read_bytes()
+    with monkeypatch.context() as patch:  # a full disk
+        patch.setattr("os.replace", lambda *a: (_ for _ in ()).throw(OSError(28, "full")))
+        assert fails(manifest.main, add("a.tza", data="new")) == (
+            5, f"{tmp_path / 'MANIFEST'}: cannot write (full)")
+    assert (tmp_path / "MANIFEST").read_bytes() == before
+    (tmp_path / "MANIFEST").write_text("a\tb\n")
+    code, message = fails(manifest.main, add("a.tza"))
+    assert code == 4 and "MANIFEST:1: 2 fields" in message
+    with pytest.raises(SystemExit) as stop:
+        manifest.main(["--folder", str(tmp_path), "--check"])
+    assert stop.value.code == 1
 
 
 def test_golden_vectors_are_what_torch_computes(root, tmp_path):
