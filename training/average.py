@@ -20,12 +20,9 @@ import argparse
 import math
 from pathlib import Path
 
-import torch
-
 from training import errors
 from training.errors import STATE, USAGE, ToolError
-from training.imageio import replacing
-from training.result import weights_of
+from training.result import save_state, weights_of
 
 
 def main(argv: list[str]) -> None:
@@ -46,8 +43,7 @@ def main(argv: list[str]) -> None:
             raise ToolError(f"{name}: of another model than {sources[0][0]}", STATE)
     mean = {k: sum(model[k].double() * (share / total)
                    for model, (_, share) in zip(models, sources)).float() for k in models[0]}
-    with replacing(args.output) as tmp:
-        torch.save(mean, tmp)
+    save_state(args.output, mean)
     print(f"Saved: {args.output}")
 
 

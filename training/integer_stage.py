@@ -31,11 +31,10 @@ from training.augment import Augment
 from training.data import Batches, Picture, from_raw
 from training.errors import STATE, USAGE, ToolError
 from training.features import encode
-from training.imageio import replacing
 from training.kernel_integer import IntegerKernel
 from training.loss import loss_of_settings
 from training.quantize_aware import IntegerNet, fine_tune, held_out, judge
-from training.result import Result, load_model
+from training.result import Result, load_model, save_state
 from training.scan import CHANNELS, scan
 from training.settings import Settings
 from training.store import find_stored, read_pictures
@@ -176,8 +175,7 @@ def quantize_aware(result: Result, settings: Settings, pictures: list[Picture],
                       s.seed + 1, augment, s.clean_aux, family=family)
 
     def save(stage: dict, tensors: dict | None = None) -> None:
-        with replacing(result.checkpoints / "integer.pth") as tmp:
-            torch.save({"same": same, "tensors": tensors, **stage}, tmp)
+        save_state(result.checkpoints / "integer.pth", {"same": same, "tensors": tensors, **stage})
 
     kept: dict = {}
     held, loss = held_out(batches), loss_of_settings(s)

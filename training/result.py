@@ -25,7 +25,8 @@ from training.settings import Settings, input_channels, output_channels
 
 
 class Result:
-    """A result by folder and name; nothing is created before the first save."""
+    """A result by folder and name, which may have folders itself (files are called after the last
+    part); nothing is created before the first save."""
 
     def __init__(self, results_dir: str | Path, name: str):
         self.name = name
@@ -59,12 +60,12 @@ class Result:
             tmp.write_text(json.dumps(settings.to_dict(), indent=2) + "\n")
 
     def save(self, epoch: int, state: dict[str, Any]) -> None:
-        _save(self.checkpoints / f"checkpoint_{epoch}.pth", epoch, state)
+        save_state(self.checkpoints / f"checkpoint_{epoch}.pth", {"epoch": epoch, **state})
         with replacing(self.checkpoints / "latest") as tmp:
             tmp.write_text(f"{epoch}\n")
 
     def save_best(self, epoch: int, state: dict[str, Any]) -> None:
-        _save(self.checkpoints / "best.pth", epoch, state)
+        save_state(self.checkpoints / "best.pth", {"epoch": epoch, **state})
 
     def latest_epoch(self) -> int:
         self.require()
@@ -93,11 +94,12 @@ class Result:
         return state
 
 
-def _save(path: Path, epoch: int, state: dict[str, Any]) -> None:
+def save_state(path: Path, state: dict[str, Any]) -> None:
+    """A file of torch.load, written whole or not at all."""
     with replacing(path) as tmp:
         try:
-            torch.save({"epoch": epoch, **state}, tmp)
-        except RuntimeError as e:  # what PyTorch makes of a full disk
+            torch.save(state, tmp)
+        except RuntimeError as e:  # what PyTorch makes of a full disk or a missing permission
             raise OSError(str(e).splitlines()[0]) from e
 
 

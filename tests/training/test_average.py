@@ -1,5 +1,7 @@
 """Means of the weights of several trainings."""
 
+import sys
+
 import pytest
 import torch
 
@@ -55,3 +57,9 @@ def test_bad_input(two, tmp_path, fails):
     code, text = fails(average.main, [out, paths[0], str(tmp_path / "none.pt")])
     assert code and "none.pt" in text
     assert not (tmp_path / "mean.pt").exists()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="optional: needs a folder nobody writes to")
+def test_output_that_cannot_be_written(two, fails):
+    code, text = fails(average.main, ["/proc/mean.pt", *two[1]])
+    assert code == 5 and text.startswith("/proc/mean.pt: cannot write")
