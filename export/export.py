@@ -58,7 +58,7 @@ def output_path(result: Result, settings: Settings, extension: str) -> Path:
         return path.with_suffix(extension)
     epoch = settings.num_epochs
     mark = f"_{epoch}" if epoch and epoch > 0 else ""
-    return result.folder / f"{result.name}{mark}{extension}"
+    return result.folder / f"{result.folder.name}{mark}{extension}"
 
 
 def export_integer(result: Result, settings: Settings) -> Path:
@@ -97,8 +97,8 @@ def export_weights(result: Result, settings: Settings) -> Path:
 
 
 def export_package(result: Result, settings: Settings) -> Path:
-    """config.json, the latest checkpoint (and best.pth) and the log, relative to results_dir."""
-    path = Path(settings.output or result.folder.parent / f"{result.name}.zip")
+    """config.json, the latest checkpoint (and best.pth) and the log, in the result's folder."""
+    path = Path(settings.output or result.folder.parent / f"{result.folder.name}.zip")
     files = [result.folder / "config.json", result.checkpoints / "latest",
              result.checkpoints / f"checkpoint_{result.latest_epoch()}.pth",
              result.checkpoints / "best.pth", result.checkpoints / "integer.pth",

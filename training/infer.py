@@ -3,7 +3,8 @@
 
     python -m training.infer -r my_result -D data -i test -F exr png -M psnr ssim flip
 
-Output: <output_dir>/<data set>/<input name>.<suffix>[_<epoch>].<feature>.<format>; exr, pfm, phm
+Output: <output_dir>/<data set>/<input name>.<suffix>[_<epoch>].<feature>.<format>; the suffix is
+the result's name, of a name with folders (proj/mine) the last part, unless told. exr, pfm, phm
 and hdr hold linear values, png tone-mapped sRGB. A file <group>.json (or the group's name cut at an
 underscore) may give {"exposure": x} for tone mapping; it is copied beside the output.
 """
@@ -71,13 +72,13 @@ def main(argv: list[str]) -> None:
     parallel.configure(settings)
     device = parallel.open_device(settings)
     print(f"PyTorch: {torch.__version__}\nDevice: {device}")
-    model, trained, epoch = load_model(Result(settings.results_dir, settings.result),
-                                       settings.num_epochs, settings.best, settings.weights)
+    result = Result(settings.results_dir, settings.result)
+    model, trained, epoch = load_model(result, settings.num_epochs, settings.best, settings.weights)
     aux = settings.aux_results or trained.get("aux_results") or []
     work = settings.replace(aux_results=aux, aux_features=trained.aux_features)
     denoiser = Denoiser(model.to(device), trained.features, trained.main_feature, trained.transfer,
                         load_prefilters(work))
-    suffix = settings.output_suffix or settings.result
+    suffix = settings.output_suffix or result.folder.name
     if settings.num_epochs and settings.num_epochs > 0:
         suffix += f"_{epoch}"
     root = Path(settings.data_dir) / settings.input_data

@@ -173,6 +173,23 @@ def test_package_can_be_used_elsewhere(raw, results, work):
     assert Path("infer/valid/scene0/view0_0001spp.a.hdr.exr").exists()
 
 
+def test_names_with_folders(raw, results, work):
+    """Files are called after the last part of proj/exp."""
+    shutil.copytree(results / "a", "r/proj/exp")
+    args = ["-r", "proj/exp", "-R", "r"]
+    export.main(args)
+    export.main([*args, "-e", "4"])
+    export.main([*args, "package"])
+    made = {str(p.relative_to("r")) for p in Path("r").rglob("*") if p.suffix in (".tza", ".zip")}
+    assert made >= {"proj/exp/exp.tza", "proj/exp/exp_4.tza", "proj/exp.zip"}
+    assert not [name for name in made if "proj/exp/proj" in name or "proj/proj" in name]
+    zipfile.ZipFile("r/proj/exp.zip").extractall("moved")
+    infer.main(["-r", "exp", "-R", "moved", "-D", str(raw), "-i", "valid", "-O", "other"])
+    infer.main([*args, "-D", str(raw), "-i", "valid"])
+    for folder in ("infer", "other"):
+        assert Path(folder, "valid/scene0/view0_0001spp.exp.hdr.exr").exists()
+
+
 def test_export_errors(results, work, fails):
     assert fails(export.main, ["-r", "none", "-R", str(results)])[0] == 4
     assert fails(export.main, ["-r", "a", "-R", str(results), "weird"])[0] == 2
