@@ -7,7 +7,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-AGAIN = 1.0  # seconds: what comes sooner is the same request, which a launcher has passed on, too
+AGAIN = 2.0  # seconds: what comes sooner is the same request, which a launcher has passed on, too
 
 
 class Interrupted(KeyboardInterrupt):
