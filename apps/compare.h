@@ -33,4 +33,9 @@ typedef struct comparison {
 void image_compare(comparison *result, const image *expected, const image *actual,
                    double max_error);
 
+/* INPUT, which it reports, if an image does not lie upon the main one pixel by pixel: other sizes,
+ * or data windows of EXR files that begin elsewhere. The names are those of the files. */
+exit_code image_check_aligned(const image *img, const char *name, const image *main,
+                              const char *main_name);
+
 #endif

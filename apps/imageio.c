@@ -21,7 +21,8 @@ static const image_format formats[] = {
     {"phm", "PHM", 1, 1, 0, IMAGE_OPAQUE, "PH", image_read_pfm, image_write_phm},
     {"phm", "PHM", 1, 1, 0, IMAGE_OPAQUE, "Ph", image_read_pfm, image_write_phm},
     {"phm", "PHM", 1, 1, 0, IMAGE_OPAQUE, "P:", image_read_pfm, image_write_phm},
-    {"png", "PNG", LULL_WITH_PNG, 0, 1, IMAGE_STRAIGHT, "\x89PNG\r\n\x1a\n", image_read_png, image_write_png},
+    {"png", "PNG", LULL_WITH_PNG, 0, 1, IMAGE_STRAIGHT, "\x89PNG\r\n\x1a\n", image_read_png,
+     image_write_png},
     {"hdr", "Radiance HDR", 1, 1, 0, IMAGE_OPAQUE, "#?R", image_read_hdr, image_write_hdr},
     {"ppm", "PPM", 1, 0, 1, IMAGE_OPAQUE, "P6", image_read_ppm, image_write_ppm},
     {"pgm", "PGM", 1, 0, 1, IMAGE_OPAQUE, "P5", image_read_ppm, image_write_pgm},
@@ -193,21 +194,6 @@ void image_set_row(image *img, size_t y, const float *values)
         for (size_t i = 0; i < n; i++)
             row[i] = half_from_float(values[i]);
     }
-}
-
-exit_code image_check_aligned(const image *img, const char *name, const image *main,
-                              const char *main_name)
-{
-    if (img->width != main->width || img->height != main->height)
-        return report_error(EXIT_INPUT, "'%s' has %zux%zu pixels, but '%s' has %zux%zu", name,
-                            img->width, img->height, main_name, main->width, main->height);
-    if (img->is_layered && main->is_layered && (img->left != main->left || img->top != main->top))
-        return report_error(EXIT_INPUT,
-                            "the data window of '%s' (%s) begins at %d,%d, but that of '%s' (%s) "
-                            "at %d,%d",
-                            name, img->names[0], img->left, img->top, main_name, main->names[0],
-                            main->left, main->top);
-    return EXIT_OK;
 }
 
 /* ---- Curves ---------------------------------------------------------------------------------- */

@@ -127,11 +127,6 @@ image_alpha image_path_alpha(const char *path);
 /* Brings linear colours beside which there is this alpha (NULL: none) from one kind to another. */
 void image_convert_alpha(image *img, const float *alpha, image_alpha from, image_alpha to);
 
-/* INPUT, which it reports, if an image does not lie upon the main one pixel by pixel: other sizes,
- * or data windows of EXR files that begin elsewhere. The names are those of the files. */
-exit_code image_check_aligned(const image *img, const char *name, const image *main,
-                              const char *main_name);
-
 /* Allocates pixels (contents undefined). */
 image_status image_create(image *out, size_t width, size_t height, unsigned channels,
                           image_type type, image_error *error);

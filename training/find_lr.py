@@ -27,7 +27,7 @@ from training.loss import loss_of_settings
 from training.optimizer import Optimizer
 from training.result import make_model
 from training.settings import Settings, parse, unique_id
-from training.train import make_batches, open_data
+from training.pictures import make_batches, open_data
 
 SMOOTHING, DIVERGED, MIN_STEPS = 0.98, 4.0, 100
 

@@ -17,7 +17,7 @@ from training.imageio import write_exr, write_image
 from training.parallel import Team
 from training.scan import CHANNELS, scan
 from training.settings import parse
-from training.train import make_batches
+from training.pictures import make_batches
 
 F = ["hdr", "alb", "nrm"]
 
