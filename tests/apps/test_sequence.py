@@ -103,7 +103,10 @@ def save_slowly(build, identity, work):
     t.write_pfm(work / "in.pfm", t.noise(1800, 1800))
     (work / "out.exr").write_text("old")
     command = [build / "bin" / "oidnDenoise", "--hdr", "in.pfm", "-w", identity[3], "-o", "out.exr"]
-    run = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    run = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_DFL),  # nohup has it ignored
+    )
     for line in run.stdout:
         if "Saving" in line:
             break
