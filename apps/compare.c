@@ -54,3 +54,11 @@ exit_code image_check_aligned(const image *img, const char *name, const image *m
                             main->left, main->top);
     return EXIT_OK;
 }
+
+exit_code image_check_finite(const image *img, const char *name)
+{
+    if (image_is_finite(img))
+        return EXIT_OK;
+    return report_error(EXIT_INPUT,
+                        "cannot read '%s': it has no finite value (only NaN or infinity)", name);
+}

@@ -38,4 +38,7 @@ void image_compare(comparison *result, const image *expected, const image *actua
 exit_code image_check_aligned(const image *img, const char *name, const image *main,
                               const char *main_name);
 
+/* INPUT, which it reports, if the image has not a single finite value: it would come out black. */
+exit_code image_check_finite(const image *img, const char *name);
+
 #endif

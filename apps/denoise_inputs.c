@@ -112,14 +112,6 @@ static exit_code check_aligned(const denoise_inputs *inputs)
     return code;
 }
 
-/* An image without a single number would come out black: say so instead. */
-static exit_code check_finite(const denoise_inputs *inputs)
-{
-    if (image_is_finite(&inputs->images[inputs->main]))
-        return EXIT_OK;
-    return fail(inputs->paths[inputs->main], "it has no finite value (only NaN or infinity)");
-}
-
 static void tell(const denoise_inputs *inputs, json *report)
 {
     const image *main = &inputs->images[inputs->main];
@@ -158,7 +150,7 @@ exit_code denoise_load(denoise_inputs *inputs, const denoise_settings *settings,
     if (!code)
         code = check_aligned(inputs);
     if (!code)
-        code = check_finite(inputs);
+        code = image_check_finite(&inputs->images[inputs->main], inputs->paths[inputs->main]);
     if (code)
         denoise_inputs_free(inputs);
     else

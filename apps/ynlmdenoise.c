@@ -125,10 +125,8 @@ static exit_code load(image *images, const settings *s)
         }
         if (image_check_aligned(&images[i], path, &images[IMAGE_COLOR], s->files[IMAGE_COLOR]))
             return EXIT_INPUT;
-        if (i == IMAGE_COLOR && !image_is_finite(&images[i]))
-            return report_error(EXIT_INPUT,
-                                "cannot read '%s': it has no finite value (only NaN or infinity)",
-                                path);
+        if (i == IMAGE_COLOR && image_check_finite(&images[i], path))
+            return EXIT_INPUT;
         if (i == IMAGE_NORMAL && image_path_is_integer(path))
             image_decode_signed(&images[i]);
         else if (i != IMAGE_NORMAL && !image_path_is_linear(path))
