@@ -3,15 +3,7 @@
 #define _GNU_SOURCE /* setenv, fork, usleep */
 #endif
 #include "api.h"
-
-#include <unistd.h>
-
-#ifndef LULL_WITH_THREADS
-#define LULL_WITH_THREADS 1
-#endif
-#if LULL_WITH_THREADS
-#include <pthread.h>
-#endif
+#include "threads.h"
 
 enum { W = 93, H = 61, N = 3 * W * H }; /* odd on purpose */
 

@@ -11,17 +11,10 @@
 #define _GNU_SOURCE
 #endif
 #include "api.h"
+#include "threads.h"
 
 #include <stdint.h>
 #include <time.h>
-#include <unistd.h>
-
-#ifndef LULL_WITH_THREADS
-#define LULL_WITH_THREADS 1
-#endif
-#if LULL_WITH_THREADS
-#include <pthread.h>
-#endif
 
 enum { DEVICES = 3, BUFFERS = 6, FILTERS = 6, ARENA = 1 << 18, CALLS = 250, SEEDS = 40 };
 

@@ -3,16 +3,9 @@
 #define _GNU_SOURCE /* setenv, fork, usleep */
 #endif
 #include "api.h"
+#include "threads.h"
 
 #include <sys/wait.h>
-#include <unistd.h>
-
-#ifndef LULL_WITH_THREADS
-#define LULL_WITH_THREADS 1
-#endif
-#if LULL_WITH_THREADS
-#include <pthread.h>
-#endif
 
 #if defined(__SANITIZE_THREAD__)
 #define UNDER_TSAN 1
@@ -297,20 +290,29 @@ static int release_forked(void)
 
 static int run_and_release_forked(void) { return run_forked() || release_forked(); }
 
+/* Why children cannot go on, or NULL. */
+static const char *no_fork(void)
+{
+    if (is_peer())
+        return "optional: Open Image Denoise hangs in forked children";
+    if (UNDER_TSAN)
+        return "optional: the thread sanitizer allows no threads in forked children";
+    return NULL;
+}
+
+static void make_forked(unsigned seed)
+{
+    forked.device = new_device();
+    forked.in = noise_image(N, seed);
+    forked.out = noise_image(N, seed + 1);
+    forked.filter = new_identity(forked.device, forked.in, forked.out, W, H);
+}
+
 static void fork_and_go_on(void)
 {
-    if (is_peer()) {
-        SKIP("optional: Open Image Denoise hangs in forked children");
-        return;
-    }
-    if (UNDER_TSAN) {
-        SKIP("optional: the thread sanitizer allows no threads in forked children");
-        return;
-    }
-    forked.device = new_device();
-    forked.in = noise_image(N, 29);
-    forked.out = noise_image(N, 30);
-    forked.filter = new_identity(forked.device, forked.in, forked.out, W, H);
+    if (no_fork())
+        SKIP(no_fork());
+    make_forked(29);
     CHECK_EQ(run_forked(), 0);
     CHECK_EQ(in_child(NULL, NULL, run_and_release_forked), 0);
     CHECK_EQ(in_child(NULL, NULL, release_forked), 0);
@@ -324,22 +326,15 @@ static void fork_and_go_on(void)
 
 /* Work that is not over before the test says so. */
 static struct {
-    pthread_mutex_t mutex;
-    bool open;
+    gate gate;
     OIDNBuffer buffer;
-} busy = {PTHREAD_MUTEX_INITIALIZER, false, NULL};
+} busy = {GATE_CLOSED, NULL};
 
 static bool wait_until_open(void *user, double n)
 {
-    bool open = false;
-
     (void)user;
-    while (n == 0 && !open) {
+    while (n == 0 && !is_open(&busy.gate))
         usleep(1000);
-        pthread_mutex_lock(&busy.mutex);
-        open = busy.open;
-        pthread_mutex_unlock(&busy.mutex);
-    }
     return true;
 }
 
@@ -362,18 +357,9 @@ static void fork_with_work_queued(void)
 {
     char byte = 1;
 
-    if (is_peer()) {
-        SKIP("optional: Open Image Denoise hangs in forked children");
-        return;
-    }
-    if (UNDER_TSAN) {
-        SKIP("optional: the thread sanitizer allows no threads in forked children");
-        return;
-    }
-    forked.device = new_device();
-    forked.in = noise_image(N, 31);
-    forked.out = noise_image(N, 32);
-    forked.filter = new_identity(forked.device, forked.in, forked.out, W, H);
+    if (no_fork())
+        SKIP(no_fork());
+    make_forked(31);
     busy.buffer = oidnNewBuffer(forked.device, 1);
     *(char *)oidnGetBufferData(busy.buffer) = 7;
     oidnSetFilterProgressMonitorFunction(forked.filter, wait_until_open, NULL);
@@ -381,9 +367,7 @@ static void fork_with_work_queued(void)
     oidnReadBufferAsync(busy.buffer, 0, 1, &byte);
     CHECK_EQ(in_child(NULL, NULL, release_busy), 0);
     CHECK_EQ(in_child(NULL, NULL, run_busy), 0);
-    pthread_mutex_lock(&busy.mutex);
-    busy.open = true;
-    pthread_mutex_unlock(&busy.mutex);
+    open_gate(&busy.gate);
     release_busy();
     CHECK_EQ(byte, 7);
     CHECK(difference(forked.in, forked.out, N) < 1e-3f);

@@ -3,26 +3,9 @@
 #define _GNU_SOURCE /* usleep */
 #endif
 #include "api.h"
-
-#include <unistd.h>
-
-#ifndef LULL_WITH_THREADS
-#define LULL_WITH_THREADS 1
-#endif
-#if LULL_WITH_THREADS
-#include <pthread.h>
-#endif
+#include "threads.h"
 
 enum { W = 93, H = 61, N = 3 * W * H }; /* odd on purpose */
-
-/* Work that is not over soon. */
-static bool take_time(void *user, double n)
-{
-    (void)user;
-    if (n == 0)
-        usleep(50000);
-    return true;
-}
 
 /* Whoever lets go of a last handle waits for all that is queued: copies from and to the caller's
  * memory, and work of other objects. */
@@ -98,38 +81,20 @@ static void release_of_all_waits(void)
 
 #if LULL_WITH_THREADS
 
-/* Where work waits for what the test does. */
-typedef struct gate {
-    pthread_mutex_t mutex;
-    bool open, timed_out;
-    OIDNFilter filter; /* released on the way, if there is one */
-} gate;
-
-static void open_gate(gate *g)
-{
-    pthread_mutex_lock(&g->mutex);
-    g->open = true;
-    pthread_mutex_unlock(&g->mutex);
-}
-
-static bool is_open(gate *g)
-{
-    bool open;
-
-    pthread_mutex_lock(&g->mutex);
-    open = g->open;
-    pthread_mutex_unlock(&g->mutex);
-    return open;
-}
+/* Work that waits for what the test does. */
+typedef struct waiting {
+    gate gate;
+    bool timed_out;
+} waiting;
 
 static bool wait_for_gate(void *user, double n)
 {
-    gate *g = user;
+    waiting *w = user;
     int i;
 
-    for (i = 0; n == 0 && i < 10000 && !is_open(g); i++)
+    for (i = 0; n == 0 && i < 10000 && !is_open(&w->gate); i++)
         usleep(1000);
-    g->timed_out |= n == 0 && i == 10000;
+    w->timed_out |= n == 0 && i == 10000;
     return true;
 }
 
@@ -141,11 +106,11 @@ static void release_of_shared_handles_does_not_wait(void)
     OIDNBuffer buffer = oidnNewBuffer(device, N * sizeof(float));
     OIDNBuffer kept = oidnNewBuffer(device, 16);
     OIDNFilter filter = new_identity(device, in, out, W, H);
-    gate g = {PTHREAD_MUTEX_INITIALIZER, false, false, NULL};
+    waiting w = {GATE_CLOSED, false};
 
     oidnSetFilterImage(filter, "output", buffer, F3, W, H, 0, 0, 0);
     oidnCommitFilter(filter);
-    oidnSetFilterProgressMonitorFunction(filter, wait_for_gate, &g);
+    oidnSetFilterProgressMonitorFunction(filter, wait_for_gate, &w);
     oidnRetainFilter(filter);
     oidnRetainBuffer(kept);
     oidnExecuteFilterAsync(filter);
@@ -154,22 +119,28 @@ static void release_of_shared_handles_does_not_wait(void)
     oidnReleaseBuffer(kept);
     oidnReleaseBuffer(buffer); /* the filter's output */
     oidnReleaseDevice(device); /* that of objects with handles */
-    open_gate(&g);
+    open_gate(&w.gate);
     oidnReleaseFilter(filter);
-    CHECK(!g.timed_out);
+    CHECK(!w.timed_out);
     CHECK(difference(in, out, N) < 1e-3f);
     oidnReleaseBuffer(kept);
     free(in);
     free(out);
 }
 
+/* Work that lets go of its filter and says so. */
+typedef struct releasing {
+    gate gate;
+    OIDNFilter filter;
+} releasing;
+
 static bool release_at_gate(void *user, double n)
 {
-    gate *g = user;
+    releasing *r = user;
 
     if (n == 0) {
-        oidnReleaseFilter(g->filter);
-        open_gate(g);
+        oidnReleaseFilter(r->filter);
+        open_gate(&r->gate);
         usleep(50000);
     }
     return true;
@@ -180,20 +151,18 @@ static void release_of_device_waits(void)
 {
     float *in, *out;
     OIDNDevice device;
-    gate g = {PTHREAD_MUTEX_INITIALIZER, false, false, NULL};
+    releasing r = {GATE_CLOSED, NULL};
     int i;
 
-    if (is_peer()) {
+    if (is_peer())
         SKIP("optional: Open Image Denoise deadlocks");
-        return;
-    }
     in = noise_image(N, 26);
     out = noise_image(N, 27);
     device = new_device();
-    g.filter = new_identity(device, in, out, W, H);
-    oidnSetFilterProgressMonitorFunction(g.filter, release_at_gate, &g);
-    oidnExecuteFilterAsync(g.filter);
-    for (i = 0; i < 10000 && !is_open(&g); i++)
+    r.filter = new_identity(device, in, out, W, H);
+    oidnSetFilterProgressMonitorFunction(r.filter, release_at_gate, &r);
+    oidnExecuteFilterAsync(r.filter);
+    for (i = 0; i < 10000 && !is_open(&r.gate); i++)
         usleep(1000);
     oidnReleaseDevice(device);
     CHECK(difference(in, out, N) < 1e-3f);

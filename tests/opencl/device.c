@@ -1,17 +1,10 @@
 /* OpenCL devices beside their pictures: creation and its errors, weights that they refuse, work in
  * the background, progress, several at once, forks. */
 #include "opencl.h"
-
-#include <unistd.h>
+#include "tests/api/threads.h"
 
 #if !defined(_WIN32)
 #include <sys/wait.h>
-#endif
-#ifndef LULL_WITH_THREADS
-#define LULL_WITH_THREADS 1
-#endif
-#if LULL_WITH_THREADS
-#include <pthread.h>
 #endif
 
 enum { W = 93, H = 61, N = 3 * W * H }; /* odd on purpose */
@@ -281,14 +274,6 @@ static void release_orders(void)
     }
     free(in);
     free(out);
-}
-
-static bool take_time(void *user, double n)
-{
-    (void)user;
-    if (n == 0)
-        usleep(50000);
-    return true;
 }
 
 /* Last handles wait for copies from and to the caller's memory. */
