@@ -1,0 +1,81 @@
+"""What the documents name is there: options, files, modules, targets, models."""
+
+from __future__ import annotations
+
+import re
+from pathlib import PurePosixPath
+
+import pytest
+
+from tests.rules.sources import ROOT, name_of, tracked_files
+
+OPTION_TABLES = {"oidnDenoise": "apps/denoise_options.c", "oidnBenchmark": "apps/oidnBenchmark.c",
+                 "yimgdenoise": "apps/yimgdenoise.c", "ynlmdenoise": "apps/ynlmdenoise.c",
+                 "lullInfo": "apps/lullInfo.c"}
+PAGES = {name_of(p): p.read_text() for p in tracked_files() if p.suffix == ".md"}
+# What was tried and left is told of there, too.
+PRESENT = {name: text for name, text in PAGES.items() if name != "docs/model-history.md"}
+OTHERS = re.compile(r"^Worth imitating.*?\n\n", re.M | re.S)  # a paragraph on other projects' files
+
+
+def option_names(path: str) -> set[str]:
+    """All spellings in a program's table of options, without dashes."""
+    rows = re.findall(r'\b(?:OPTION_(?!HEADING)\w+, |(?:CALL|FLAG|TEXT|WORD|INT|FLOAT)\()"([^"]+)"',
+                      (ROOT / path).read_text())
+    assert rows
+    return {name for row in rows for name in row.split()}
+
+
+@pytest.mark.parametrize("program", OPTION_TABLES)
+def test_every_option_is_in_the_manual(program: str):
+    """With all its aliases: in its section, or in that of the program whose options it shares."""
+    parts = re.split(r"^## ", PAGES["docs/apps.md"], flags=re.MULTILINE)[1:]
+    sections = dict(part.split("\n", 1) for part in parts)
+    text = sections[program] + sections["oidnDenoise"] * (program == "oidnBenchmark")
+    named = {word.lstrip("-") for word in re.split(r"[\s`|()\[\],;]+", text)}
+    assert not option_names(OPTION_TABLES[program]) - named
+
+
+def test_links_lead_somewhere():
+    dead = [f"{page}: {link}" for page, text in PAGES.items()
+            for link in re.findall(r"\]\(([^)#:\s]+)\)", text)
+            if not (ROOT / page).parent.joinpath(link).exists()]
+    assert not dead
+
+
+def test_named_files_exist():
+    files = {name_of(p) for p in tracked_files()}
+    known = files | {f"{parent}/" for f in files for parent in PurePosixPath(f).parents}
+    known |= {f.rstrip("/") for f in known}
+    tops = {f.split("/")[0] for f in files}
+    missing = [f"{page}: {name}" for page, text in PRESENT.items()
+               for name in re.findall(r"`([\w.-]+/[\w./-]*)`", OTHERS.sub("", text))
+               if name.split("/")[0] in tops and name not in known]
+    assert not missing
+
+
+def test_named_modules_exist():
+    missing = {f"{page}: {module}" for page, text in PRESENT.items()
+               for module in re.findall(r"(?:python -m |`)((?:training|export|bench)\.[a-z]\w*"
+                                        r"(?:\.\w+)*)(?=[\s`])", text)
+               if not any((ROOT / f"{module.replace('.', '/')}{end}").exists()
+                          for end in (".py", "/__init__.py"))}
+    assert not missing
+
+
+def test_named_targets_exist():
+    makefile = (ROOT / "Makefile").read_text()
+    named = {target for text in PRESENT.values()
+             for target in re.findall(r"(?:`|^ {4})make\s+([a-z][\w-]*)", text, re.MULTILINE)}
+    assert {"demo", "check", "peer-test"} <= named
+    assert not [t for t in named if not re.search(rf"^{t}:", makefile, re.MULTILINE)]
+
+
+def test_bytes_of_the_models():
+    """In the first table of docs/models.md, every weights file and no other."""
+    table = PAGES["docs/models.md"].partition("\n\n")[2].partition("\n\n## ")[0]
+    told = {name: int(kb) for name, kb in
+            re.findall(r"^\| `(\w+\.tza)`.* (\d+) k(?:B)? \|$", table, re.MULTILINE)}
+    there = {p.name: round(p.stat().st_size / 1000) for p in tracked_files()
+             if p.suffix == ".tza" and p.parent.name == "weights"}
+    assert told == there
