@@ -98,7 +98,7 @@ typedef struct lull_model_info {
     unsigned inputs;     /* input channels of the network: 3 per image feature */
     unsigned is_integer; /* 1: int8 weights, integer arithmetic; 0: fp16 weights, fp32 arithmetic */
     unsigned alignment;  /* frame sizes are padded to multiples of this inside (16) */
-    unsigned overlap;    /* pixels of context beside a strip that it depends on (96 to 256) */
+    unsigned overlap;    /* pixels of context beside a strip that it depends on (96 to 352) */
     uint64_t parameters; /* weights and biases */
     uint64_t macs_per_pixel; /* multiply-adds per pixel of the network as written, unfolded */
 } lull_model_info;

@@ -534,6 +534,27 @@ static void errors_are_reported(void)
     free_scene(&s);
 }
 
+/* The largest and the smallest overlap of the models that ship are those that lull.h names. */
+static void overlaps_are_as_told(void)
+{
+    static const char *const paths[] = {"weights/kernel5_32.tza", "weights/rt_hdr_w16.tza"};
+    unsigned told[2] = {0, 0}; /* least and most */
+    char line[200];
+    FILE *file = fopen("lib/lull.h", "rb");
+    while (file && told[1] == 0 && fgets(line, sizeof line, file))
+        if (strstr(line, "unsigned overlap;"))
+            CHECK_EQ(sscanf(strchr(line, '('), "(%u to %u)", &told[0], &told[1]), 2);
+    if (file)
+        fclose(file);
+    for (unsigned i = 0; i < 2; i++) {
+        lull_model *model = load_model(paths[i]);
+        lull_model_info info;
+        lull_model_get_info(model, &info);
+        CHECK_EQ(info.overlap, told[1 - i]);
+        free(model);
+    }
+}
+
 int main(int argc, char **argv)
 {
     CHECK_MAIN(argc, argv);
@@ -548,5 +569,6 @@ int main(int argc, char **argv)
     RUN(progress_is_monotone_and_cancels);
     RUN(content_suits_the_main_image);
     RUN(errors_are_reported);
+    RUN(overlaps_are_as_told);
     return check_report();
 }
