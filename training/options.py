@@ -150,7 +150,7 @@ OPTIONS = (
        choices=tuple(MODEL_BY_NET)),
     _o("--model -m", "TL", None, "model of configs/models.json, or topology:width,width,..."),
     _o("--loss -l", "TL", None, "loss function", choices=LOSSES),
-    _o("--balance", "T", 0.0, "tiles weigh noise of their input to the power of -P", **FLOAT),
+    _o("--balance", "T", 0.0, "tiles weigh 1 / (noise of their input) to this power", **FLOAT),
     _o("--ssim_weight", "TL", 1.0, "log_mse_ssim: weight of what SSIM lacks to 1", **FROM_0),
     _o("--msssim_weights", "TL", None, "MS-SSIM exponents, finest scale first", nargs="*",
        **FROM_0),
