@@ -102,7 +102,7 @@ def test_exposure_of_reference_frames_is_used():
 
 
 def test_widths_of_the_models():
-    """k16 is the shipped size; the costs are those of docs/models.md."""
+    """The cost of k16 is that of docs/model-history.md."""
     costs = [nets.build(m, 0).macs_per_pixel() / 1000 for m in ("k8", "k12", "k16", "k24")]
     assert costs == sorted(costs) and costs[2] == pytest.approx(20.0, abs=0.1)
     assert nets.find_model("k16")[0].name == "kernel5"
