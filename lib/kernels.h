@@ -30,13 +30,16 @@ typedef struct lull_segment {
  *     summed in the order of the segments and of k for each output; B is the table's block_f32.
  *
  * conv_int (docs/arithmetic.md): activations are unsigned 8 bit (narrow) or 15 bit in uint16_t
- * (wide), weights int8. s = sum over the first `wide` segments a = ((s + (1 << wide_shift >> 1)) >>
- * wide_shift) + bias[o] + sum over the other segments q = clamp((a * multiplier[o] + 2^30) >> 31,
- * 0, out_max)      (64-bit product) out_max <= 255 stores uint8_t, larger (to 32767) uint16_t. Runs
- * are read in whole dwords: 4 narrow or 2 wide elements; the weights of elements past the run are
- * zero. A weight dword holds 4 int8 or 2 int16 in memory order. B is the table's block_int. If the
- * table has splits_wide, wide weights w0, w1 are the bytes 0, w0, 0, w1 instead, and all of them
- * follow once more as w0, 0, w1, 0.
+ * (wide), weights int8, and, with a product of 64 bits,
+ *     s = sum over the first `wide` segments,
+ *     a = ((s + (1 << wide_shift >> 1)) >> wide_shift) + bias[o] + sum over the other segments,
+ *     q = clamp((a * multiplier[o] + 2^30) >> 31, 0, out_max).
+ *
+ *     out_max <= 255 stores uint8_t, larger (to 32767) uint16_t. Runs are read in whole dwords: 4
+ *     narrow or 2 wide elements; the weights of elements past the run are zero. A weight dword
+ *     holds 4 int8 or 2 int16 in memory order. B is the table's block_int. If the table has
+ *     splits_wide, wide weights w0, w1 are the bytes 0, w0, 0, w1 instead, and all of them follow
+ *     once more as w0, 0, w1, 0.
  *
  * conv_int3: the same for exactly three outputs, with B = 1, which is what integer layers of three
  * outputs are packed for, unless the table has splits_wide.

@@ -95,7 +95,8 @@ typedef struct lull_model lull_model; /* lives at the start of the caller's memo
 
 typedef struct lull_model_info {
     const char *network; /* topology, a NET name of nets.def; static */
-    unsigned inputs;     /* input channels of the network: 3 per image feature */
+    unsigned inputs;     /* input channels of the network: 3 per image feature of direct ones; 12 of
+                          * kernel prediction, which takes any features */
     unsigned is_integer; /* 1: int8 weights, integer arithmetic; 0: fp16 weights, fp32 arithmetic */
     unsigned alignment;  /* frame sizes are padded to multiples of this inside (16) */
     unsigned overlap;    /* pixels of context beside a strip that it depends on (96 to 352) */
@@ -117,8 +118,8 @@ void lull_model_get_info(const lull_model *model, lull_model_info *info);
 
 /* ---- Frames and plans ------------------------------------------------------------------------ */
 
-/* What the main image holds. It fixes transfer function and clamping (docs/design.md, section 1).
- */
+/* What the main image holds. It fixes transfer function and clamping (docs/arithmetic.md,
+ * Pixels). */
 typedef enum lull_content {
     LULL_HDR,          /* linear radiance, [0, inf) */
     LULL_LDR,          /* linear, [0, 1] */
@@ -175,8 +176,8 @@ size_t lull_plan_size(const lull_frame *frame, const lull_model *model);
 size_t lull_plan_minimum(const lull_frame *frame, const lull_model *model);
 
 /* Makes a plan in `memory`. `model` must outlive it.
- * Errors: ARGUMENT; MEMORY (also if max_bytes is below the minimum); FEATURES if the model's inputs
- * are not 3 per feature of the frame. */
+ * Errors: ARGUMENT; MEMORY (also if max_bytes is below the minimum); FEATURES if the inputs of a
+ * direct network are not 3 per feature of the frame. */
 lull_status lull_plan_init(lull_plan **plan, void *memory, size_t memory_bytes,
                            const lull_frame *frame, const lull_model *model);
 
