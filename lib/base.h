@@ -60,6 +60,9 @@ LULL_INLINE unsigned lull_max_u(unsigned a, unsigned b) { return a > b ? a : b; 
 #else
 #define LULL_ARCH_NEON32 0
 #endif
+#ifndef LULL_WITH_SSE41
+#define LULL_WITH_SSE41 LULL_ARCH_X86
+#endif
 #ifndef LULL_WITH_AVX2
 #define LULL_WITH_AVX2 LULL_ARCH_X86
 #endif

@@ -10,7 +10,8 @@ enum {
     FEATURE_NEON = 16,
     FEATURE_DOTPROD = 32,
     FEATURE_I8MM = 64,
-    FEATURE_AMX = 128 /* AMX-TILE, AMX-INT8, and an OS that lets this process use tiles */
+    FEATURE_AMX = 128, /* AMX-TILE, AMX-INT8, and an OS that lets this process use tiles */
+    FEATURE_SSE41 = 256 /* SSE4.1 and SSSE3 */
 };
 
 #if !LULL_ARCH_X86 || !defined(__GNUC__)
@@ -67,11 +68,15 @@ static uint32_t features(void)
 {
     uint32_t a, b, c, d, b7, c7, d7, found = 0, xcr0, hi;
     (void)d;
-    if (!__get_cpuid(1, &a, &b, &c, &d) || !(c & bit_OSXSAVE) || !(c & bit_AVX))
+    if (!__get_cpuid(1, &a, &b, &c, &d))
         return 0;
+    if ((c & bit_SSSE3) && (c & bit_SSE4_1))
+        found |= FEATURE_SSE41;
+    if (!(c & bit_OSXSAVE) || !(c & bit_AVX))
+        return found;
     __asm__("xgetbv" : "=a"(xcr0), "=d"(hi) : "c"(0));
     if ((xcr0 & 6) != 6 || !__get_cpuid_count(7, 0, &a, &b7, &c7, &d7))
-        return 0;
+        return found;
     if ((b7 & bit_AVX2) && (c & bit_FMA))
         found |= FEATURE_AVX2;
     if ((found & FEATURE_AVX2) && __get_cpuid_count(7, 1, &a, &b, &c, &d) && (a & (1u << 4)))
@@ -115,6 +120,7 @@ static uint32_t features(void) { return compiled_features(); }
 /* Features each port needs; a name without an entry would not compile. */
 enum {
     NEEDS_scalar = FEATURE_NONE,
+    NEEDS_sse41 = FEATURE_SSE41,
     NEEDS_avx2 = FEATURE_AVX2,
     NEEDS_avx512 = FEATURE_AVX512,
     NEEDS_avxvnni = FEATURE_AVX2 | FEATURE_AVXVNNI,

@@ -7,13 +7,19 @@
 #   PORT_<GROUP>_FLAGS_<arch> the same, for one architecture only
 #
 # The macro LULL_WITH_<GROUP> is 1 where the group is built and 0 elsewhere.
-PORT_GROUPS := SCALAR AVX2 AVX512 AVXVNNI VNNI AMX NEON DOTPROD I8MM
+PORT_GROUPS := SCALAR SSE41 AVX2 AVX512 AVXVNNI VNNI AMX NEON DOTPROD I8MM
 
 PORT_SCALAR_ARCH := any
+PORT_SCALAR_FLAGS_x86 := -O2
 PORT_SCALAR_SOURCES := ports/scalar/port_scalar.c ports/scalar/conv_f32_scalar.c \
                        ports/scalar/conv_int_scalar.c ports/scalar/pool_scalar.c ports/scalar/filter5_scalar.c \
                        ports/scalar/filter_scalar.c ports/scalar/regression_scalar.c ports/scalar/winograd_scalar.c ports/scalar/patches_scalar.c \
                        ports/scalar/curves_scalar.c
+
+PORT_SSE41_ARCH := x86
+PORT_SSE41_FLAGS := -mssse3 -msse4.1
+PORT_SSE41_SOURCES := ports/x86/port_sse41.c ports/x86/conv_f32_sse41.c ports/x86/conv_int_sse41.c \
+                      ports/x86/pool_sse41.c ports/x86/filter_sse41.c
 
 PORT_AVX2_ARCH := x86
 PORT_AVX2_FLAGS := -mavx2 -mfma
@@ -42,7 +48,7 @@ PORT_AMX_SOURCES := ports/x86/port_amx.c ports/x86/conv_int_amx.c
 PORT_NEON_ARCH := arm64 arm32
 PORT_NEON_FLAGS_arm32 := -mfpu=neon
 PORT_NEON_SOURCES := ports/arm/port_neon.c ports/arm/conv_f32_neon.c ports/arm/conv_int_neon.c \
-                     ports/arm/pool_neon.c ports/arm/filter5_neon.c ports/arm/filter_neon.c ports/arm/winograd_neon.c
+                     ports/arm/pool_neon.c ports/arm/filter_neon.c ports/arm/winograd_neon.c
 
 PORT_DOTPROD_ARCH := arm64
 PORT_DOTPROD_FLAGS := -march=armv8.2-a+dotprod

@@ -1,4 +1,4 @@
-/* Family K's filter beside its 5x5 means, with vectors of 4. */
+/* Family K's filter with vectors of 4. */
 #include <arm_neon.h>
 
 #include "port_neon.h"
@@ -117,11 +117,18 @@ LULL_INLINE ivec codes_at(const uint8_t *q, size_t step, unsigned n)
     return vld1q_s32(v);
 }
 
+LULL_INLINE vec values_at(const float *table, const uint8_t *q, size_t step, unsigned n)
+{
+    vec v = vld1q_dup_f32(table + q[0]);
+#define VALUE(i) v = vld1q_lane_f32(table + q[lull_min_u(i, n - 1) * step], v, i)
+    VALUE(1), VALUE(2), VALUE(3);
+#undef VALUE
+    return v;
+}
+
 LULL_INLINE vec look_up(const float *table, const uint8_t *q, unsigned n)
 {
-#define VALUE(i) table[q[lull_min_u(i, n - 1)]]
-    return four(VALUE(0), VALUE(1), VALUE(2), VALUE(3));
-#undef VALUE
+    return values_at(table, q, 1, n);
 }
 
 /* The first `count` of 8 bytes, zeros after them. */
@@ -176,6 +183,7 @@ LULL_INLINE void around(const float *p, vec *before, vec *after)
 #include "../filter_rows.h"
 
 #include "../bilateral_rows.h"
+#include "../means_rows.h"
 #include "../regression_rows.h"
 
 #endif

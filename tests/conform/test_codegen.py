@@ -18,9 +18,9 @@ ROOT = Path(__file__).resolve().parent.parent.parent
 SOURCES = (ROOT / "ports" / "sources.mk").read_text().replace("\\\n", " ")
 BASE = ["-std=c99", "-ffp-contract=off", "-fPIC", "-fno-stack-protector", "-Ilib"]
 # What only a hot loop does.
-MULTIPLY = re.compile(r"\s(vfmadd\w+ps|vpmadd\w+|vpdp\w+|fmla|vmla\.f32|smull2?|smlal2?|"
+MULTIPLY = re.compile(r"\s(vfmadd\w+ps|v?pmadd\w+|mulps|vpdp\w+|fmla|vmla\.f32|smull2?|smlal2?|"
                       r"vmlal\.s\d+|sdot|usdot|sudot|usmmla)\s")
-WORDS = re.compile(r"\svpaddw\s")  # sums of words
+WORDS = re.compile(r"\sv?paddw\s")  # sums of words
 TILES = re.compile(r"\stdp\w+\s")  # AMX: sums pass through a buffer behind the loops, on purpose
 JUMP = re.compile(r"^\s*([0-9a-f]+):\s+(?:j\w+|b(?:\.\w+|[a-z]{2}(?:\.n|\.w)?)?|cbn?z|tbn?z)\s+"
                   r"(?:\w+,\s*(?:#\d+,\s*)?)?([0-9a-f]+)\s+<")
