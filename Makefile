@@ -4,6 +4,7 @@
 #   make demo           denoises demo/ and says what it did
 #   make train-demo     from nothing to a denoiser: scenes, training, export, check (half an hour)
 #   make check          every test (as root it installs the Debian packages that they need)
+#   make wasm           build/wasm/bin: lull.wasm and lull.mjs, for browsers (clang, lld, wasi-libc)
 #   make install        DESTDIR= prefix=/usr/local libdir= includedir= ... (uninstall: the same settings)
 #   make conform        every port of this CPU against the scalar one, and its speed
 #   make peer           outputs beside the real Open Image Denoise (Python package pyoidn)
@@ -58,12 +59,21 @@ else ifneq ($(filter aarch64 arm64,$(CPU)),)
 ARCH := arm64
 else ifneq ($(filter arm armv7%,$(CPU)),)
 ARCH := arm32
+else ifneq ($(filter wasm32,$(CPU)),)
+ARCH := wasm32
 endif
 SYSTEM := elf
 ifneq ($(findstring darwin,$(MACHINE)),)
 SYSTEM := darwin
 else ifneq ($(findstring mingw,$(MACHINE)),)
 SYSTEM := windows
+else ifeq ($(ARCH),wasm32)
+SYSTEM := wasm
+THREADS := 0
+OPENCL := 0
+ifeq ($(origin AR),default)
+AR := $(shell $(CC) -print-prog-name=llvm-ar)
+endif
 endif
 
 # 1 if the compiler takes these flags.
@@ -134,7 +144,7 @@ endif
 ifeq ($(CPU),s390x)
 EXACT += $(if $(call takes,-fexcess-precision=fast),-fexcess-precision=fast)
 endif
-ifneq ($(SYSTEM),windows)
+ifeq ($(filter windows wasm,$(SYSTEM)),)
 PIC := -fPIC
 endif
 DEFINES := -DLULL_WITH_OPENEXR=$(WITH_OPENEXR) -DLULL_WITH_PNG=$(WITH_PNG) \
@@ -149,9 +159,12 @@ HOSTED_FLAGS := -D_POSIX_C_SOURCE=200809L -D_FILE_OFFSET_BITS=64 -Ilib -Ioidn/in
 ifeq ($(SYSTEM),windows)
 HOSTED_FLAGS += -D__USE_MINGW_ANSI_STDIO=1
 STATIC_FLAGS := -DOIDN_STATIC_LIB # tools and tests hold the library
+else ifeq ($(SYSTEM),wasm)
+HOSTED_FLAGS += -D_WASI_EMULATED_PROCESS_CLOCKS
 endif
 # What the facade needs beside the C library; dlopen is in libdl where that is not empty.
-THREAD_LIBS := $(if $(filter 1,$(WITH_THREADS)),-pthread)$(if $(filter 1elf,$(WITH_OPENCL)$(SYSTEM)), -ldl)
+THREAD_LIBS := $(if $(filter 1,$(WITH_THREADS)),-pthread)$(if $(filter 1elf,$(WITH_OPENCL)$(SYSTEM)), -ldl)$(if \
+               $(filter wasm,$(SYSTEM)),-lwasi-emulated-process-clocks)
 
 # ---- What is built -------------------------------------------------------------------------------
 
@@ -183,8 +196,12 @@ SONAME := libOpenImageDenoise.so.2
 SOLINK := libOpenImageDenoise.so
 SOFLAGS := -shared -Wl,-soname,$(SONAME) -Wl,--gc-sections $(if $(SAN),,-Wl,-z,defs)
 endif
+ifeq ($(SYSTEM),wasm)
+PROGRAMS := $(BUILD)/bin/lull.wasm $(BUILD)/bin/lull.mjs
+else
 SHARED := $(if $(strip $(OIDN_SOURCES)),$(BUILD)/lib/$(SONAME) $(if $(SOLINK),$(BUILD)/lib/$(SOLINK)))
 PROGRAMS := $(foreach a,$(APPS),$(BUILD)/bin/$(a)$(EXE))
+endif
 TEST_PROGRAMS := $(foreach t,$(TESTS),$(BUILD)/test/$(t)$(EXE))
 
 .DEFAULT_GOAL := all
@@ -295,6 +312,15 @@ $(BUILD)/bin/$(1)$(EXE): $(call object,$(sort $(APP_$(1)_SOURCES) $(APP_COMMON_S
 endef
 $(foreach a,$(APPS),$(eval $(call app_rules,$(a))))
 
+# The core as a module for JavaScript: no C library but its memcpy and the like, nothing but progress
+# is imported.
+$(BUILD)/bin/lull.wasm: $(call object,$(APP_WEB_SOURCES)) $(LIBLULL)
+	@mkdir -p $(@D)
+	$(call say,LINK,$@)$(call link,-nostartfiles -Wl$(comma)--no-entry$(comma)--gc-sections$(comma)-s $^)
+$(BUILD)/bin/lull.mjs: apps/web/lull.mjs
+	@mkdir -p $(@D)
+	@cp $< $@
+
 # Test programs may use the app sources that they name in their lists.
 define test_rules
 $(call object,$(filter tests/%,$(TEST_$(1)_SOURCES))): TEST_FLAGS := $(TEST_$(1)_FLAGS)
@@ -350,6 +376,12 @@ conform: $(BUILD)/test/conform$(EXE) $(BUILD)/test/conform_emulated$(EXE)
 	@$(BUILD)/test/conform$(EXE)
 	@$(BUILD)/test/conform_emulated$(EXE)
 	@$(PYTHON) tests/conform/record.py --build $(BUILD) $(CONFORM)
+
+# The same for WebAssembly: build/wasm/bin/lull.wasm and its interface for JavaScript, lull.mjs.
+.PHONY: wasm
+WASM_CC ?= clang --target=wasm32-wasi
+wasm:
+	@$(MAKE) --no-print-directory all CC='$(WASM_CC)' BUILD='$(BUILD)/wasm'
 
 # ---- Beside the real Open Image Denoise (Python package pyoidn) ----------------------------------
 

@@ -14,3 +14,5 @@ APP_yimgdenoise_SOURCES := apps/yimgdenoise.c apps/compare.c apps/denoise_frame.
                            apps/denoise_inputs.c apps/denoise_options.c apps/denoise_run.c \
                            apps/doctor.c apps/doctor_maps.c apps/sequence.c
 APP_ynlmdenoise_SOURCES := apps/ynlmdenoise.c apps/compare.c
+# The module for JavaScript (make wasm).
+APP_WEB_SOURCES := apps/web/module.c

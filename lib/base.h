@@ -87,6 +87,13 @@ LULL_INLINE unsigned lull_max_u(unsigned a, unsigned b) { return a > b ? a : b; 
 #ifndef LULL_WITH_I8MM
 #define LULL_WITH_I8MM LULL_ARCH_ARM64
 #endif
+#ifndef LULL_WITH_SIMD128
+#if defined(__wasm_simd128__)
+#define LULL_WITH_SIMD128 1
+#else
+#define LULL_WITH_SIMD128 0
+#endif
+#endif
 
 /* Bit pattern of a float and back. */
 LULL_INLINE uint32_t lull_bits(float f)

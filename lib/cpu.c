@@ -11,7 +11,8 @@ enum {
     FEATURE_DOTPROD = 32,
     FEATURE_I8MM = 64,
     FEATURE_AMX = 128, /* AMX-TILE, AMX-INT8, and an OS that lets this process use tiles */
-    FEATURE_SSE41 = 256 /* SSE4.1 and SSSE3 */
+    FEATURE_SSE41 = 256, /* SSE4.1 and SSSE3 */
+    FEATURE_SIMD128 = 512 /* WebAssembly's vectors: who lacks them refuses the whole module */
 };
 
 #if !LULL_ARCH_X86 || !defined(__GNUC__)
@@ -27,6 +28,9 @@ static uint32_t compiled_features(void)
 #endif
 #if defined(__ARM_FEATURE_MATMUL_INT8)
     found |= FEATURE_I8MM;
+#endif
+#if LULL_WITH_SIMD128
+    found |= FEATURE_SIMD128;
 #endif
     return found;
 }
@@ -128,7 +132,8 @@ enum {
     NEEDS_amx = FEATURE_AVX512 | FEATURE_AVX512VNNI | FEATURE_AMX,
     NEEDS_neon = FEATURE_NEON,
     NEEDS_dotprod = FEATURE_NEON | FEATURE_DOTPROD,
-    NEEDS_i8mm = FEATURE_NEON | FEATURE_I8MM
+    NEEDS_i8mm = FEATURE_NEON | FEATURE_I8MM,
+    NEEDS_simd128 = FEATURE_SIMD128
 };
 
 uint32_t lull_cpu_ports(void)

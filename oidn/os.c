@@ -13,9 +13,13 @@
 #endif
 #if !defined(_WIN32)
 #include <sched.h>
-#include <signal.h>
-#include <sys/mman.h>
 #include <unistd.h>
+#if LULL_WITH_THREADS
+#include <signal.h>
+#endif
+#if defined(__linux__)
+#include <sys/mman.h>
+#endif
 #endif
 
 /* ---- Memory ---------------------------------------------------------------------------------- */
@@ -305,6 +309,10 @@ uint64_t lull_clock_ns(void)
     return (uint64_t)t.tv_sec * 1000000000u + (uint64_t)t.tv_nsec;
 }
 
+#if defined(__wasi__)
+long lull_process_id(void) { return 0; } /* no fork */
+#else
 long lull_process_id(void) { return (long)getpid(); }
+#endif
 
 #endif

@@ -2,12 +2,12 @@
 # assignments only, paths from the top of the tree.
 #
 #   PORT_<GROUP>_SOURCES      its files; a group without files is left out of the build
-#   PORT_<GROUP>_ARCH         x86, arm64, arm32 (several: separated by spaces) or any
+#   PORT_<GROUP>_ARCH         x86, arm64, arm32, wasm32 (several: separated by spaces) or any
 #   PORT_<GROUP>_FLAGS        compiler flags for its objects and for nothing else
 #   PORT_<GROUP>_FLAGS_<arch> the same, for one architecture only
 #
 # The macro LULL_WITH_<GROUP> is 1 where the group is built and 0 elsewhere.
-PORT_GROUPS := SCALAR SSE41 AVX2 AVX512 AVXVNNI VNNI AMX NEON DOTPROD I8MM
+PORT_GROUPS := SCALAR SSE41 AVX2 AVX512 AVXVNNI VNNI AMX NEON DOTPROD I8MM SIMD128
 
 PORT_SCALAR_ARCH := any
 PORT_SCALAR_FLAGS_x86 := -O2
@@ -57,3 +57,8 @@ PORT_DOTPROD_SOURCES := ports/arm/port_dotprod.c ports/arm/conv_int_dotprod.c
 PORT_I8MM_ARCH := arm64
 PORT_I8MM_FLAGS := -march=armv8.2-a+dotprod+i8mm
 PORT_I8MM_SOURCES := ports/arm/port_i8mm.c ports/arm/conv_int_i8mm.c
+
+PORT_SIMD128_ARCH := wasm32
+PORT_SIMD128_FLAGS := -msimd128
+PORT_SIMD128_SOURCES := ports/wasm/port_simd128.c ports/wasm/conv_f32_simd128.c ports/wasm/conv_int_simd128.c \
+                        ports/wasm/pool_simd128.c ports/wasm/filter_simd128.c

@@ -80,6 +80,9 @@ find_wanted() {
     need "gcc-arm-linux-gnueabihf libc6-dev-armhf-cross" command -v arm-linux-gnueabihf-gcc
     need "gcc-s390x-linux-gnu libc6-dev-s390x-cross" command -v s390x-linux-gnu-gcc
     need gcc-mingw-w64-x86-64 command -v x86_64-w64-mingw32-gcc
+    need lld command -v wasm-ld
+    need "wasi-libc libclang-rt-dev-wasm32" [ -e /usr/include/wasm32-wasi ]
+    need nodejs command -v node
 }
 
 can_install() {

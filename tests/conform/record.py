@@ -3,8 +3,8 @@ docs/ports.md: `make conform`. Only the standard library.
 
     tests/conform/record.py [--build build] [--cross] [--no-bench]
 
---cross also runs the conformance programs that tests/conform/test_cross.sh left in
-BUILD/cross-<target>, in qemu. A run replaces the rows of the same port and place; other rows stay.
+--cross also runs the conformance programs that tests/conform/test_cross.sh and test_wasm.sh left
+below BUILD, in qemu and Node. A run replaces the rows of the same port and place; other rows stay.
 """
 
 from __future__ import annotations
@@ -20,7 +20,9 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent.parent
 DOC = ROOT / "docs" / "ports.md"
 EMULATED = re.compile(r"qemu|emulated")
-QEMU = {"aarch64": "qemu-aarch64", "armhf": "qemu-arm"}
+# Folder below the build -> what runs its programs.
+RUNNERS = {"cross-aarch64": ["qemu-aarch64"], "cross-armhf": ["qemu-arm"],
+           "wasm": ["node", "--no-warnings", "tests/conform/run_wasi.mjs"]}
 HEAD = ["| port | where it ran | kernels | date | CPU flags |", "|---|---|---|---|---|"]
 
 
@@ -28,11 +30,11 @@ def port_names() -> list[str]:
     return re.findall(r"^PORT\((\w+)\)", (ROOT / "lib/ports.def").read_text(), re.MULTILINE)
 
 
-def run(program: Path, *args: str, emulator: str = "", where: str = "") -> str:
+def run(program: Path, *args: str, runner: list[str] | None = None, where: str = "") -> str:
     """Output of a conformance program; exits if it fails."""
     env = dict(os.environ, **({"LULL_CONFORM_WHERE": where} if where else {}))
-    command = [*([emulator] if emulator else []), str(program), *args]
-    done = subprocess.run(command, capture_output=True, text=True, env=env)
+    command = [*(runner or []), str(program), *args]
+    done = subprocess.run(command, capture_output=True, text=True, env=env, cwd=ROOT)
     if done.returncode != 0:
         sys.exit(f"record.py: {' '.join(command)} failed:\n{done.stdout[-2000:]}{done.stderr}")
     return done.stdout
@@ -77,7 +79,8 @@ def merged(old: str, new: list[list[str]]) -> str:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--build", default="build", help="build folder (default: build)")
-    parser.add_argument("--cross", action="store_true", help="also what test_cross.sh built")
+    parser.add_argument("--cross", action="store_true",
+                        help="also what test_cross.sh and test_wasm.sh built")
     parser.add_argument("--no-bench", action="store_true", help="leave the speeds as they are")
     args = parser.parse_args()
     build = (ROOT / args.build).resolve()
@@ -85,15 +88,15 @@ def main() -> int:
     text = DOC.read_text()
     rows = rows_of(run(build / "test/conform", "--row"))
     rows += rows_of(run(build / "test/conform_emulated", "--row"))
-    for target, emulator in QEMU.items() if args.cross else ():
-        program = build / f"cross-{target}/test/conform"
-        if not program.exists() or not shutil.which(emulator):
-            print(f"record.py: no {program.name} for {target}, or no {emulator}", file=sys.stderr)
+    for folder, runner in RUNNERS.items() if args.cross else ():
+        program, name = build / folder / "test/conform", runner[0]
+        if not program.exists() or not shutil.which(name):
+            print(f"record.py: no {program.name} in {folder}, or no {name}", file=sys.stderr)
             continue
-        version = subprocess.run([emulator, "--version"], capture_output=True, text=True).stdout
-        number = re.search(r"version (\d+\.\d+)", version)
-        where = f"{emulator} {number[1] if number else ''}".strip()
-        rows += rows_of(run(program, "--row", emulator=emulator, where=where))
+        version = subprocess.run([name, "--version"], capture_output=True, text=True).stdout
+        number = re.search(r"(?:version |^v)(\d+\.\d+)", version)
+        where = f"{name} {number[1] if number else ''}".strip()
+        rows += rows_of(run(program, "--row", runner=runner, where=where))
     text = replace(text, "table", merged(section(text, "table"), rows))
     if not args.no_bench:
         speeds = run(build / "test/conform", "--bench")

@@ -16,7 +16,7 @@ STRICT = ("-Wall", "-Wextra", "-Wundef", "-Wshadow", "-pedantic", "-Werror", "-I
 CXX = shutil.which("c++") or shutil.which("g++") or shutil.which("clang++")
 MACHINE = subprocess.run([CC, "-dumpmachine"], capture_output=True, text=True).stdout
 # Folder of ports/ -> target that its headers are for, and its name in ports/sources.mk.
-PORTS = {"x86": ("x86_64", "x86"), "arm": ("aarch64", "arm64")}
+PORTS = {"x86": ("x86_64", "x86"), "arm": ("aarch64", "arm64"), "wasm": ("wasm32", "wasm32")}
 # Public headers with the languages they promise; the others are C99.
 PUBLIC = {
     "lib/lull.h": ("c99", "c11", "c++11", "c++20"),

@@ -40,7 +40,8 @@ LIB = {
     "nlm": {"image", "transfer"},
 }
 LIBC = {"float.h", "stddef.h", "stdint.h", "string.h"}  # string.h in base.h only
-INTRINSICS = {"immintrin.h", "emmintrin.h", "tmmintrin.h", "arm_neon.h", "cpuid.h"}
+INTRINSICS = {"immintrin.h", "emmintrin.h", "tmmintrin.h", "arm_neon.h", "wasm_simd128.h",
+              "cpuid.h"}
 PORT_MAY = {"base", "curves", "kernels", "lull", "patches", "pixels", "winograd"}  # headers of lib/
 APPS_MAY = {"lull.h", "OpenImageDenoise/oidn.h", "OpenImageDenoise/oidn.hpp",
             "OpenImageDenoise/config.h", "OpenImageDenoise/lull_quality.h", "builtin.def"}
