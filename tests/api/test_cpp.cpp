@@ -96,6 +96,14 @@ static void handles()
     CHECK(device.getError() == Error::None);
 }
 
+// Programs get these from oidn.hpp, as from the original's.
+static void standardHeaders()
+{
+    std::array<int, 3> numbers{{3, 1, 2}};
+    std::sort(numbers.begin(), numbers.end());
+    CHECK(numbers[0] == 1 && numbers[2] == 3);
+}
+
 static void flags()
 {
     const ExternalMemoryTypeFlags both =
@@ -205,6 +213,7 @@ int main()
     physicalDevices();
     creation();
     handles();
+    standardHeaders();
     flags();
     devices();
     filters();

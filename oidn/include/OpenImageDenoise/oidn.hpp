@@ -5,6 +5,9 @@
 
 #include "oidn.h"
 
+/* Also what only programs use that include nothing but this: as much as in Open Image Denoise. */
+#include <algorithm>
+#include <array>
 #include <cassert>
 #include <cstddef>
 #include <cstdint>
