@@ -74,9 +74,11 @@ OIDN_API OIDNBuffer oidnNewSharedBuffer(OIDNDevice device, void *devPtr, size_t 
     return buffer;
 }
 
-/* Imports of foreign memory, which no processor needs. */
-static OIDNBuffer refuse(OIDNDevice device, OIDNError code, const char *why)
+/* Imports of foreign memory, which no processor needs. No type is one that every device supports:
+ * then it is the import that it does not. */
+static OIDNBuffer refuse(OIDNDevice device, bool is_argument, const char *why)
 {
+    const OIDNError code = is_argument ? OIDN_ERROR_INVALID_ARGUMENT : OIDN_ERROR_INVALID_OPERATION;
     lull_call call;
 
     if (lull_call_begin(&call, device) && lull_device_ready(device, &call.fault))
@@ -88,10 +90,9 @@ static OIDNBuffer refuse(OIDNDevice device, OIDNError code, const char *why)
 OIDN_API OIDNBuffer oidnNewSharedBufferFromFD(OIDNDevice device, OIDNExternalMemoryTypeFlags fdType,
                                               int fd, size_t byteSize)
 {
-    (void)fdType;
     (void)fd;
     (void)byteSize;
-    return refuse(device, OIDN_ERROR_INVALID_ARGUMENT,
+    return refuse(device, fdType != OIDN_EXTERNAL_MEMORY_TYPE_FLAG_NONE,
                   "the device supports no external memory of this type");
 }
 
@@ -100,18 +101,15 @@ OIDN_API OIDNBuffer oidnNewSharedBufferFromWin32Handle(OIDNDevice device,
                                                        void *handle, const void *name,
                                                        size_t byteSize)
 {
-    (void)handleType;
-    (void)handle;
-    (void)name;
     (void)byteSize;
-    return refuse(device, OIDN_ERROR_INVALID_ARGUMENT,
+    return refuse(device, handleType != OIDN_EXTERNAL_MEMORY_TYPE_FLAG_NONE || !handle == !name,
                   "the device supports no external memory of this type");
 }
 
 OIDN_API OIDNBuffer oidnNewSharedBufferFromMetal(OIDNDevice device, MTLBuffer_id metal)
 {
     (void)metal;
-    return refuse(device, OIDN_ERROR_INVALID_OPERATION, "the device supports no Metal buffers");
+    return refuse(device, false, "the device supports no Metal buffers");
 }
 
 /* ---- Lifetime -------------------------------------------------------------------------------- */

@@ -1,13 +1,13 @@
 /* Semaphores of graphics interfaces: the processor can import none, so no handle ever exists. */
 #include "internal.h"
 
-static OIDNSemaphore refuse(OIDNDevice device)
+static OIDNSemaphore refuse(OIDNDevice device, bool is_argument)
 {
+    const OIDNError code = is_argument ? OIDN_ERROR_INVALID_ARGUMENT : OIDN_ERROR_INVALID_OPERATION;
     lull_call call;
 
     if (lull_call_begin(&call, device) && lull_device_ready(device, &call.fault))
-        lull_fail(&call.fault, OIDN_ERROR_INVALID_ARGUMENT,
-                  "the device supports no external semaphore of this type");
+        lull_fail(&call.fault, code, "the device supports no external semaphore of this type");
     lull_call_end(&call);
     return NULL;
 }
@@ -15,18 +15,15 @@ static OIDNSemaphore refuse(OIDNDevice device)
 OIDN_API OIDNSemaphore oidnNewSharedSemaphoreFromFD(OIDNDevice device,
                                                     OIDNExternalSemaphoreTypeFlags fdType, int fd)
 {
-    (void)fdType;
     (void)fd;
-    return refuse(device);
+    return refuse(device, fdType != OIDN_EXTERNAL_SEMAPHORE_TYPE_FLAG_NONE);
 }
 
 OIDN_API OIDNSemaphore oidnNewSharedSemaphoreFromWin32Handle(
     OIDNDevice device, OIDNExternalSemaphoreTypeFlags handleType, void *handle, const void *name)
 {
-    (void)handleType;
-    (void)handle;
-    (void)name;
-    return refuse(device);
+    return refuse(device,
+                  handleType != OIDN_EXTERNAL_SEMAPHORE_TYPE_FLAG_NONE || !handle == !name);
 }
 
 /* Signalling or waiting, for whatever semaphores. */

@@ -79,6 +79,19 @@ static void shared_buffers(void)
     ERROR(device, ARGUMENT);
     CHECK(!oidnNewSharedBufferFromWin32Handle(device, 4, NULL, NULL, 16));
     ERROR(device, ARGUMENT);
+    /* No type: the import is what the device cannot do. */
+    CHECK(!oidnNewSharedBufferFromFD(device, OIDN_EXTERNAL_MEMORY_TYPE_FLAG_NONE, 0, 16));
+    ERROR(device, OPERATION);
+    CHECK(!oidnNewSharedSemaphoreFromFD(device, OIDN_EXTERNAL_SEMAPHORE_TYPE_FLAG_NONE, 0));
+    ERROR(device, OPERATION);
+    for (int i = 0; i < 4; i++) {
+        void *handle = i & 1 ? memory : NULL, *name = i & 2 ? memory : NULL;
+
+        CHECK(!oidnNewSharedBufferFromWin32Handle(device, 0, handle, name, 16));
+        ERROR(device, !handle == !name ? ARGUMENT : OPERATION);
+        CHECK(!oidnNewSharedSemaphoreFromWin32Handle(device, 0, handle, name));
+        ERROR(device, !handle == !name ? ARGUMENT : OPERATION);
+    }
     for (int n = -1; n <= 1; n++) {
         oidnSignalSemaphoresAsync(device, NULL, NULL, n);
         ERROR(device, OPERATION);

@@ -263,7 +263,8 @@ OIDN_API void oidnReleaseBuffer(OIDNBuffer buffer);
 /* ---- Semaphores ------------------------------------------------------------------------------ */
 
 /* Imported from graphics interfaces by GPU devices. The CPU device supports no type of them
- * (parameter externalSemaphoreTypes is 0), so every import fails with INVALID_ARGUMENT. */
+ * (parameter externalSemaphoreTypes is 0), so every import of some type fails with
+ * INVALID_ARGUMENT. */
 OIDN_API OIDNSemaphore oidnNewSharedSemaphoreFromFD(OIDNDevice device,
                                                     OIDNExternalSemaphoreTypeFlags fdType, int fd);
 OIDN_API OIDNSemaphore oidnNewSharedSemaphoreFromWin32Handle(
