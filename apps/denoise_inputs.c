@@ -46,7 +46,8 @@ static exit_code load_given(denoise_inputs *inputs, const denoise_settings *sett
                             image_role role, int frame)
 {
     image_error error;
-    image_request request = {role, settings->layers[role], 0, (image_type)settings->type, 0};
+    image_request request = {role, settings->layers[role], 0, (image_type)settings->type, 0,
+                             NULL};
     inputs->paths[role] = sequence_path(settings->files[role], frame);
     if (!inputs->paths[role])
         return fail(settings->files[role], "not enough memory");
@@ -62,7 +63,8 @@ static exit_code load_found(denoise_inputs *inputs, const denoise_settings *sett
                             image_role role, int frame)
 {
     image_error error;
-    image_request request = {role, settings->layers[role], 1, (image_type)settings->type, 0};
+    image_request request = {role, settings->layers[role], 1, (image_type)settings->type, 0,
+                             &inputs->images[IMAGE_COLOR]};
     char *path = sequence_path(settings->files[IMAGE_COLOR], frame);
     image_status status;
     if (!path)
@@ -162,7 +164,7 @@ exit_code denoise_load_reference(image *reference, const denoise_settings *setti
                                  const denoise_inputs *inputs, int frame)
 {
     const image *main = &inputs->images[inputs->main];
-    image_request request = {inputs->main, NULL, 0, IMAGE_FLOAT, 0};
+    image_request request = {inputs->main, NULL, 0, IMAGE_FLOAT, 0, NULL};
     image_error error;
     exit_code code = EXIT_OK;
     char *path = sequence_path(settings->reference, frame);

@@ -70,8 +70,8 @@ typedef struct image {
     unsigned bits;  /* 8 or 16: the file held integers of that many bits; 0: floating point */
     int is_layered; /* 1: read from an EXR file; then: */
     char names[3][IMAGE_NAME_SIZE]; /* the channels that were taken */
-    int part;
-    int left, top; /* corner of the data window */
+    int part, channel; /* where the first of them is: its place in the list of a part */
+    int left, top;     /* corner of the data window */
 } image;
 
 /* Which layer of a multilayer file is wanted (layers.h). */
@@ -90,6 +90,8 @@ typedef struct image_request {
                    * give its main image (an albedo kept in a file of its own) */
     image_type type;
     uint64_t max_bytes; /* refuse images that need more memory; 0: no limit */
+    const image *color; /* EXR, albedo and normals: the image of the same file that they belong to;
+                         * layers of its view layer are found first. NULL: none */
 } image_request;
 
 /* Reads an image. The format is told from the content, not from the name. On failure `out` is

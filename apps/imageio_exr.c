@@ -88,15 +88,28 @@ static exr_result_t append_part(channel_list *list, exr_context_t context, int p
     return EXR_ERR_SUCCESS;
 }
 
-static exr_result_t list_channels(channel_list *list, exr_context_t context)
+/* All channels, from those of the part `first` on: of equal names the first one counts. */
+static exr_result_t list_channels(channel_list *list, exr_context_t context, int first)
 {
     int parts = 0;
     exr_result_t result = exr_get_count(context, &parts);
     memset(list, 0, sizeof *list);
-    for (int part = 0; part < parts && !result; part++)
+    for (int i = 0; i < parts && !result; i++) {
+        int part = (first + i) % parts;
         if (is_flat(context, part))
             result = append_part(list, context, part, parts > 1);
+    }
     return result;
+}
+
+/* The layer of the role that belongs to the colour, if there is one. */
+static layer_match find_role(const channel_list *list, image_role role, const image *color)
+{
+    const char *const *names = (const char *const *)list->names;
+    for (size_t i = 0; color && i < list->count; i++)
+        if (list->entries[i].part == color->part && list->entries[i].index == color->channel)
+            return layers_find_beside(role, names[i], names, list->count);
+    return layers_find(role, names, list->count);
 }
 
 /* "no normal layer among R, G, B, ..." */
@@ -132,7 +145,7 @@ static layer_match choose(const channel_list *list, const image_request *request
     if (request->layer)
         match = layers_find_named(request->layer, names, list->count);
     else
-        match = layers_find(request->role, names, list->count);
+        match = find_role(list, request->role, request->color);
     if (!match.count && !request->layer && !request->is_exact && request->role != IMAGE_COLOR)
         match = layers_find(IMAGE_COLOR, names, list->count);
     for (unsigned c = 1; c < match.count; c++)
@@ -233,6 +246,7 @@ static image_status reader_begin(reader *r, image *out, const channel_list *list
     }
     out->is_layered = 1;
     out->part = part;
+    out->channel = r->taken[0];
     out->left = r->chunks.window.min.x;
     out->top = r->chunks.window.min.y;
     for (unsigned c = 0; c < match.count; c++)
@@ -309,7 +323,8 @@ static image_status read_layer(reader *r, image *out, const image_request *reque
     channel_list list;
     layer_match match;
     image_status status;
-    exr_result_t result = list_channels(&list, r->file.context);
+    exr_result_t result = list_channels(&list, r->file.context,
+                                        request->color ? request->color->part : 0);
     int is_end = 0;
 
     if (result) {

@@ -178,6 +178,33 @@ layer_match layers_find(image_role role, const char *const *names, size_t count)
     return match;
 }
 
+/* 1 if a channel's layer is the name after the first n bytes of `prefix`. */
+static int is_prefixed(const char *channel, const char *prefix, size_t n, const char *layer)
+{
+    const char *component;
+    size_t want = strlen(layer);
+    return layer_length(channel, &component) == n + want && same(channel, prefix, n) &&
+           same(channel + n, layer, want);
+}
+
+layer_match layers_find_beside(image_role role, const char *color, const char *const *names,
+                               size_t count)
+{
+    layer_match match = {0, {0, 0, 0}};
+    for (size_t n = strlen(color); n > 0; n--) {
+        if (color[n - 1] != '.')
+            continue;
+        for (size_t k = 0; k < KNOWN; k++)
+            for (size_t i = 0; i < count && known[k].role == role; i++) {
+                if (is_prefixed(names[i], color, n, known[k].layer))
+                    match = complete(i, names, count);
+                if (match.count)
+                    return match;
+            }
+    }
+    return layers_find(role, names, count);
+}
+
 /* Place of a channel by its full name, or `count`. */
 static size_t find_channel(const char *name, size_t length, const char *const *names, size_t count)
 {

@@ -18,6 +18,12 @@ typedef struct layer_match {
  * that is neither albedo nor normal, or else a single grey channel. */
 layer_match layers_find(image_role role, const char *const *names, size_t count);
 
+/* Same for a layer that belongs to a colour, one of whose channels has the full name `color`: of
+ * layers with the same prefix ("Char." of "Char.Combined.R") any known name comes before all of
+ * others, since files may hold several pictures. */
+layer_match layers_find_beside(image_role role, const char *color, const char *const *names,
+                               size_t count);
+
 /* Finds a layer that the user named: its name (components as above, or the channel of just that
  * name), or one to three channel names separated by commas. */
 layer_match layers_find_named(const char *layer, const char *const *names, size_t count);

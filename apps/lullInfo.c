@@ -254,14 +254,18 @@ static void tell_layer(const image *img, image_role role, json *report)
 static exit_code tell_image(const char *path, json *report)
 {
     image_error missing = {IMAGE_OK, ""};
+    image color = {0};
     int is_told = 0;
     for (int i = 0; i < 3; i++) {
-        image_request request = {(image_role)i, NULL, i > 0, IMAGE_ANY, 0};
+        const image *beside = color.is_layered ? &color : NULL;
+        image_request request = {(image_role)i, NULL, i > 0, IMAGE_ANY, 0, beside};
         image_error error;
         image img;
         image_status status = image_read(&img, path, &request, &error);
-        if (status && status != IMAGE_ERROR_LAYER)
+        if (status && status != IMAGE_ERROR_LAYER) {
+            image_destroy(&color);
             return report_error(EXIT_INPUT, "cannot read '%s': %s", path, error.text);
+        }
         if (status && !i)
             missing = error;
         if (status)
@@ -276,8 +280,12 @@ static exit_code tell_image(const char *path, json *report)
         tell_layer(&img, (image_role)i, report);
         if (!img.is_layered)
             i = 3; /* no layers to look for */
-        image_destroy(&img);
+        if (i)
+            image_destroy(&img);
+        else
+            color = img;
     }
+    image_destroy(&color);
     return is_told ? EXIT_OK
                    : report_error(EXIT_INPUT, "cannot read '%s': %s", path, missing.text);
 }
@@ -339,7 +347,7 @@ static double find_psnr(const image *reference, const image *img, float scale)
 /* The main image of a file with linear values. */
 static exit_code load_linear(image *img, const char *path)
 {
-    image_request request = {IMAGE_COLOR, NULL, 0, IMAGE_FLOAT, 0};
+    image_request request = {IMAGE_COLOR, NULL, 0, IMAGE_FLOAT, 0, NULL};
     image_error error;
     if (image_read(img, path, &request, &error))
         return report_error(EXIT_INPUT, "cannot read '%s': %s", path, error.text);

@@ -110,11 +110,12 @@ static int run_all(work *w, int threads)
 static exit_code load(image *images, const settings *s)
 {
     for (int i = 0; i < 3; i++) {
-        image_request request = {(image_role)i, NULL, 0, IMAGE_ANY, 0};
+        image_request request = {(image_role)i, NULL, 0, IMAGE_ANY, 0, NULL};
         const char *path = s->files[i];
         image_error error;
         int is_found = !path && images[IMAGE_COLOR].is_layered;
         request.is_exact = is_found;
+        request.color = is_found ? &images[IMAGE_COLOR] : NULL;
         if (!path && !is_found)
             continue;
         path = is_found ? s->files[IMAGE_COLOR] : path;

@@ -112,6 +112,45 @@ def test_layer_option(denoise, identity, work):
     assert done.code == 2 and "in.exr" in done.error and "nothing" in done.error
 
 
+PICTURES = {  # of files with two pictures: prefix of each, name of the colour
+    "view layers": ("BG.", "Char.", "Combined."),
+    "stereo": ("", "right.", ""),
+}
+
+
+@pytest.mark.parametrize("kind", PICTURES)
+@pytest.mark.parametrize("which", [0, 1])
+def test_albedo_and_normals_of_the_same_picture(denoise, info, identity, work, kind, which):
+    *prefixes, name = PICTURES[kind]
+    channels = {}
+    for prefix in prefixes:
+        normal = "Denoising Normal." if prefix == "Char." else "Normal."  # the other's better name
+        channels |= layers(prefix + name, prefix + "DiffCol.", prefix + normal)
+    t.write_exr(work / "in.exr", channels)
+    told = info("in.exr", "--json").json["files"][0]
+    assert all(told["normal"]["layer"][i] == f"{prefixes[0]}Normal.{'XYZ'[i]}" for i in range(3))
+    mine = prefixes[which]
+    color = (mine + name).rstrip(".")
+    chosen = color if color else "R,G,B"
+    done = denoise("in.exr", "--layer", f"color={chosen}", "-w", identity[9], "--json")
+    assert done.code == 0, done.err
+    for role in ("color", "albedo", "normal"):
+        assert all(c.startswith(mine) for c in done.json[role]["layer"]), done.json[role]
+        assert mine or not any(c.startswith("right.") for c in done.json[role]["layer"])
+
+
+def test_albedo_of_the_same_part(denoise, work):
+    """Parts may have channels of the same names."""
+    kind = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    parts = [OpenEXR.Part(dict(kind), layers("", "albedo."), name) for name in ("left", "right")]
+    parts[0].channels["albedo.R"].pixels[:] = 7
+    OpenEXR.File(parts).write(str(work / "in.exr"))
+    for name, exceeds in (("left", True), ("right", False)):
+        done = denoise("in.exr", "--layer", f"color={name}", "--check")
+        assert done.code == 0, done.err
+        assert ("albedo exceeds 1" in done.out) == exceeds, done.out
+
+
 def test_given_files_come_first(denoise, identity, work):
     t.write_exr(work / "in.exr", layers("", "albedo.", "normal."))
     t.write_pfm(work / "albedo.pfm", t.noise(H, W))

@@ -25,7 +25,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     if (!size)
         return 0;
     for (int role = 0; role < 3; role++) {
-        image_request request = {(image_role)role, NULL, role == 2, (image_type)role, MEMORY};
+        image_request request = {(image_role)role, NULL, role == 2, (image_type)role, MEMORY,
+                                 NULL};
         image img;
         image_error error;
         FILE *file = fmemopen((void *)(uintptr_t)data, size, "rb");
