@@ -7,15 +7,17 @@
 
 #include "platform.h"
 
+static exr_file *files; /* that are open, the newest first */
+
+/* OpenEXR may hold the lock of a context that it writes to while it calls this, so that nothing can
+ * be asked of the context. One that is not known yet is that of the newest file. */
 static void on_error(exr_const_context_t context, exr_result_t code, const char *text)
 {
-    void *user = NULL;
-    exr_file *file;
+    exr_file *file = files;
     (void)code;
-    if (!context || exr_get_user_data(context, &user) != EXR_ERR_SUCCESS || !user)
-        return;
-    file = user;
-    if (!file->message[0]) {
+    while (file && file->context && file->context != context)
+        file = file->next;
+    if (file && !file->message[0]) {
         /* The name we gave is in front of most messages. */
         const char *colon = strstr(text, ": ");
         if (text[0] == '\'' && colon)
@@ -72,6 +74,8 @@ static exr_context_initializer_t prepare(exr_file *file, FILE *stream)
     memset(file, 0, sizeof *file);
     file->stream = stream;
     file->position = -1;
+    file->next = files;
+    files = file;
     init.error_handler_fn = on_error;
     init.user_data = file;
     return init;
@@ -100,8 +104,13 @@ image_status exr_file_write(exr_file *file, FILE *stream, image_error *error)
 
 void exr_file_close(exr_file *file)
 {
+    exr_file **link = &files;
     if (file->context)
         exr_finish(&file->context);
+    while (*link && *link != file)
+        link = &(*link)->next;
+    if (*link)
+        *link = file->next;
 }
 
 image_status exr_file_fail(const exr_file *file, exr_result_t result, image_status status,

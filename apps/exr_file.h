@@ -10,12 +10,13 @@
 #include <openexr.h>
 
 /* An open file. Initialise with exr_file_read or exr_file_write, end with exr_file_close. The
- * struct must not move in between: OpenEXR holds its address. */
+ * struct must not move in between: OpenEXR holds its address. Not for several threads. */
 typedef struct exr_file {
     exr_context_t context;
     FILE *stream;
     int64_t position;  /* of the stream; saves seeks */
     char message[200]; /* first thing that OpenEXR said */
+    struct exr_file *next; /* open before it */
 } exr_file;
 
 image_status exr_file_read(exr_file *file, FILE *stream, image_error *error);

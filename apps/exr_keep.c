@@ -146,6 +146,28 @@ static int has_long_names(exr_context_t context, int parts)
     return 0;
 }
 
+/* Copies the attributes of types that OpenEXR does not know, whose bytes exr_copy_unset_attributes
+ * refuses (in 3.1). They stay the source's. */
+static exr_result_t copy_opaque(keeper *k, int part)
+{
+    int32_t count = 0;
+    exr_result_t result = exr_get_attribute_count(k->in.context, part, &count);
+    for (int32_t i = 0; i < count && !result; i++) {
+        const exr_attribute_t *from;
+        exr_attribute_t *to;
+        result = exr_get_attribute_by_index(k->in.context, part, EXR_ATTR_LIST_FILE_ORDER, i,
+                                            &from);
+        if (result || from->type != EXR_ATTR_OPAQUE)
+            continue;
+        result = exr_attr_declare_by_type(k->out.context, part, from->name, from->type_name, &to);
+        if (!result) {
+            to->opaque->size = from->opaque->size;
+            to->opaque->packed_data = from->opaque->packed_data;
+        }
+    }
+    return result;
+}
+
 static exr_result_t write_headers(keeper *k, int parts)
 {
     exr_result_t result = EXR_ERR_SUCCESS;
@@ -162,6 +184,8 @@ static exr_result_t write_headers(keeper *k, int parts)
             result = exr_add_part(k->out.context, name, storage, &added);
         if (!result && part == k->img->part)
             result = change_header(k, part);
+        if (!result)
+            result = copy_opaque(k, part);
         if (!result)
             result = exr_copy_unset_attributes(k->out.context, part, k->in.context, part);
     }

@@ -1,0 +1,28 @@
+"""What of an EXR file OpenEXR itself does not know, and the output keeps."""
+
+from __future__ import annotations
+
+import OpenEXR
+import pytest
+
+from tests.apps import tools as t
+from tests.apps.test_layers import EXTRA, header_of, layers
+
+pytestmark = pytest.mark.usefixtures("exr")
+
+
+@pytest.mark.parametrize("parts", [1, 2])
+def test_attributes_of_unknown_types_are_kept(denoise, identity, work, parts):
+    kind = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage, **EXTRA}
+    names = ("beauty", "spare")[:parts]
+    files = [OpenEXR.Part(dict(kind), layers(), name) for name in names]
+    OpenEXR.File(files).write(str(work / "in.exr"))
+    known, mine = b"renderer\0string\0\x08\0\0\0test 1.0", b"renderer\0strinx\0\x08\0\0\0test 1.0"
+    data = (work / "in.exr").read_bytes()
+    assert data.count(known) == parts
+    (work / "in.exr").write_bytes(data.replace(known, mine))
+    done = denoise("in.exr", "-w", identity[3], "-o", "out.exr")
+    assert done.code == 0, done.err
+    assert (work / "out.exr").read_bytes().count(mine) == parts
+    assert header_of(work / "out.exr")["owner"] == "'somebody'"
+    assert list(t.read_exr(work / "out.exr")) == list(t.read_exr(work / "in.exr"))
