@@ -129,7 +129,7 @@ static void run_doctor(frame_job *job)
             done = " (repaired: decoded)";
         } else if (s->is_repairing && f->kind == FINDING_LDR_AS_HDR && job->is_hdr) {
             job->is_hdr = 0;
-            job->is_srgb = image_path_is_linear(job->inputs.paths[IMAGE_COLOR]);
+            job->is_srgb = image_is_linear(&images[IMAGE_COLOR], job->inputs.paths[IMAGE_COLOR]);
             done = " (repaired: denoised as sRGB)";
         }
         report_line("  %s: %s%s\n", layers_role_name(f->role), f->text, done);

@@ -32,9 +32,9 @@ static void linearise(image *img, const denoise_settings *settings, image_role r
                       const char *path)
 {
     if (denoise_is_signed(settings, role)) {
-        if (image_path_is_integer(path) && img->bits)
+        if (image_is_integer(img, path))
             image_decode_signed(img);
-    } else if (!image_path_is_linear(path) && (role == IMAGE_ALBEDO || !settings->is_srgb)) {
+    } else if (!image_is_linear(img, path) && (role == IMAGE_ALBEDO || !settings->is_srgb)) {
         image_decode_srgb(img);
     }
 }

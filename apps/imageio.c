@@ -78,6 +78,16 @@ int image_path_is_integer(const char *path)
     return format && format->is_integer;
 }
 
+int image_is_linear(const image *img, const char *path)
+{
+    return format_of_path(path) ? image_path_is_linear(path) : !img->bits;
+}
+
+int image_is_integer(const image *img, const char *path)
+{
+    return img->bits && (image_path_is_integer(path) || !format_of_path(path));
+}
+
 image_alpha image_path_alpha(const char *path)
 {
     const image_format *format = format_of_path(path);

@@ -123,6 +123,11 @@ int image_path_is_linear(const char *path);
 /* 1 for an extension whose values are integers in [0, 1]: .png .ppm .pgm. */
 int image_path_is_integer(const char *path);
 
+/* Same two of an image that was read from a file of this name. Where the extension is that of no
+ * format (/dev/stdin, beauty.exr.1) its content says it. */
+int image_is_linear(const image *img, const char *path);
+int image_is_integer(const image *img, const char *path);
+
 /* What files of this extension do with an alpha. */
 image_alpha image_path_alpha(const char *path);
 

@@ -351,7 +351,7 @@ static exit_code load_linear(image *img, const char *path)
     image_error error;
     if (image_read(img, path, &request, &error))
         return report_error(EXIT_INPUT, "cannot read '%s': %s", path, error.text);
-    if (!image_path_is_linear(path))
+    if (!image_is_linear(img, path))
         image_decode_srgb(img);
     return EXIT_OK;
 }

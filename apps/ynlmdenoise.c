@@ -128,9 +128,9 @@ static exit_code load(image *images, const settings *s)
             return EXIT_INPUT;
         if (i == IMAGE_COLOR && image_check_finite(&images[i], path))
             return EXIT_INPUT;
-        if (i == IMAGE_NORMAL && image_path_is_integer(path))
+        if (i == IMAGE_NORMAL && image_is_integer(&images[i], path))
             image_decode_signed(&images[i]);
-        else if (i != IMAGE_NORMAL && !image_path_is_linear(path))
+        else if (i != IMAGE_NORMAL && !image_is_linear(&images[i], path))
             image_decode_srgb(&images[i]);
         if (images[i].is_layered)
             report_line("  %s=%s (%s ...)\n", layers_role_name((image_role)i), path,
@@ -153,7 +153,7 @@ static exit_code denoise(image *images, image *output, const settings *s)
     work w;
     double start = platform_clock();
     lull_status status;
-    int is_hdr = image_path_is_linear(s->files[IMAGE_COLOR]);
+    int is_hdr = image_is_linear(&images[IMAGE_COLOR], s->files[IMAGE_COLOR]);
     memset(&w, 0, sizeof w);
     w.job.width = (unsigned)images[0].width;
     w.job.height = (unsigned)images[0].height;
