@@ -119,7 +119,8 @@ image_status exr_file_fail(const exr_file *file, exr_result_t result, image_stat
     const char *text = file->message[0] ? file->message : exr_get_default_error_message(result);
     if (result == EXR_ERR_OUT_OF_MEMORY)
         return image_fail(error, IMAGE_ERROR_MEMORY, "not enough memory");
-    if (result == EXR_ERR_FEATURE_NOT_IMPLEMENTED || strstr(text, "not yet implemented"))
+    if (result == EXR_ERR_FEATURE_NOT_IMPLEMENTED || strstr(text, "not yet implemented") ||
+        strstr(text, "'compression' (type 'compression'): Invalid value")) /* of a later one */
         return image_fail(error, IMAGE_ERROR_FORMAT, "not supported by this OpenEXR: %s", text);
     if (status == IMAGE_ERROR_DATA)
         return image_fail(error, status, "truncated or corrupt: %s", text);

@@ -177,6 +177,15 @@ def test_hostile_exr_windows(refuses, work, exr, window):
     refuses(2, "--hdr", path, words=(path.name,))
 
 
+def test_exr_compression_of_the_future(refuses, work, exr):
+    """What a later OpenEXR wrote is not called corrupt."""
+    path = t.write_exr(work / "in.exr", t.planes("", np.ones((H, W, 3))))
+    start = b"compression\0compression\0\1\0\0\0"
+    data = path.read_bytes().replace(start + b"\3", start + b"\x7f")
+    path.write_bytes(data[:-9] + b"no deflate")
+    refuses(2, "--hdr", path, words=(path.name, "not supported by this OpenEXR"))
+
+
 def test_corrupt_exr_chunk(refuses, work, exr):
     ramp = np.broadcast_to(np.linspace(0, 1, W)[None, :, None], (H, W, 3))
     path = t.write_exr(work / "in.exr", t.planes("", ramp))
