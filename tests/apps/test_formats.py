@@ -180,6 +180,14 @@ def test_alpha_of_exr_and_png(copy, denoise, identity, work, exr, png):
     assert np.abs(t.read_pfm(work / "out.pfm") - straight * alpha[..., None]).max() < 1e-6
 
 
+def test_alpha_with_a_long_name(copy, work, exr, png):
+    channels = {f"beauty.{c}": np.full((H, W), 0.25, np.float32) for c in ("red", "green", "blue")}
+    t.write_exr(work / "in.exr", channels | {"beauty.alpha": np.full((H, W), 0.5, np.float32)})
+    copy(work / "in.exr", work / "out.png")
+    codes, _ = t.read_png(work / "out.png")
+    assert codes.shape == (H, W, 4) and (codes == 128).all()
+
+
 def test_png_palette(copy, work, png):
     rng = np.random.default_rng(1)
     palette, index = rng.integers(0, 256, (16, 3)), rng.integers(0, 16, (H, W, 1))
