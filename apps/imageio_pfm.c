@@ -46,6 +46,19 @@ static int read_number(FILE *file, double *value)
     return *end == 0 && isfinite(*value);
 }
 
+/* Moves past a line feed after the one byte of white space that ends the header (\r\n, or a blank
+ * and \n). It may as well be the first byte of the pixels: the file's size tells. */
+static void skip_line_feed(FILE *file, double pixel_bytes)
+{
+    int64_t size = platform_file_size(file);
+    long here = ftell(file);
+    if (size < 0 || here < 0 || (double)(size - here) != pixel_bytes + 1)
+        return;
+    platform_seek(file, here - 1);
+    if (fgetc(file) == '\n' || fgetc(file) != '\n')
+        platform_seek(file, here);
+}
+
 /* One row of values in file order to floats. */
 static void unpack_row(float *values, const unsigned char *bytes, size_t n, image_type type,
                        int is_big, float scale)
@@ -99,6 +112,7 @@ image_status image_read_pfm(image *out, FILE *file, const image_request *request
     if (status)
         return status;
 
+    skip_line_feed(file, (double)row_bytes * height);
     n = out->width * out->channels;
     bytes = malloc(row_bytes);
     values = malloc(n * sizeof *values);

@@ -52,6 +52,19 @@ def test_pfm_scale_and_byte_order(copy, work, scale):
     assert t.equal(t.read_pfm(work / "out.pfm"), image)
 
 
+@pytest.mark.parametrize(
+    "end, after", [(b"\n", b""), (b"\n", b"\n"), (b"\r", b""), (b"\r\n", b""), (b" \n", b"")]
+)
+def test_pfm_line_ends(copy, work, end, after):
+    """No byte of the pixels is taken for the end of the header, nor the other way round."""
+    image = t.noise(H, W)
+    image[-1, 0, 0] = np.frombuffer(b"\n\n\n?", "<f4")[0]  # the first pixel of the file
+    head = end.join([b"PF", b"%d %d" % (W, H), b"-1.0", b""])
+    (work / "in.pfm").write_bytes(head + image[::-1].astype("<f4").tobytes() + after)
+    copy(work / "in.pfm", work / "out.pfm")
+    assert t.equal(t.read_pfm(work / "out.pfm"), image)
+
+
 def test_half_rounds_to_even_and_overflows_to_infinity(denoise, identity, work):
     values = np.array(
         [1 + 2**-11, 1 + 3 * 2**-11, 65519, 65520, 1e30, 2**-25, 3 * 2**-25, 2**-24], np.float32
