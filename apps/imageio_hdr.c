@@ -11,16 +11,15 @@
 #define RLE_MIN 8 /* widths that the newer run-length encoding knows */
 #define RLE_MAX 32767
 
-/* A header line without its end; 0 at the end of the file or if it is too long. */
+/* A header line without its end; what does not fit is left out, since the commands that programs
+ * note there have no limit. 0 at the end of the file. */
 static int read_line(FILE *file, char *line, size_t size)
 {
     size_t n = 0;
     int c;
-    while ((c = fgetc(file)) != EOF && c != '\n') {
-        if (n + 1 >= size)
-            return 0;
-        line[n++] = (char)c;
-    }
+    while ((c = fgetc(file)) != EOF && c != '\n')
+        if (n + 1 < size)
+            line[n++] = (char)c;
     while (n && line[n - 1] == '\r')
         n--;
     line[n] = 0;

@@ -228,6 +228,14 @@ def test_radiance(copy, work, coding, width, up):
     assert (t.from_rgbe(t.read_hdr(work / "out.hdr")) == t.from_rgbe(rgbe)).all()
 
 
+def test_radiance_header_lines_have_any_length(copy, work):
+    codes = t.to_rgbe(t.noise(4, 9))
+    data = t.write_hdr(work / "in.hdr", codes).read_bytes()
+    (work / "in.hdr").write_bytes(data.replace(b"# made", b"oconv" + b" a.rad" * 700 + b"\n# made"))
+    copy(work / "in.hdr", work / "out.pfm")
+    assert t.equal(t.read_pfm(work / "out.pfm"), t.from_rgbe(codes))
+
+
 def test_radiance_rounds_to_nearest(denoise, identity, work):
     image = t.noise(H, 64) * 50
     t.write_pfm(work / "in.pfm", image)
