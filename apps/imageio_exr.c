@@ -23,14 +23,18 @@ typedef struct channel_entry {
 typedef struct channel_list {
     size_t count;
     char **names; /* full names */
+    char **plain; /* the same, those of stereo files as name_without_view gives them */
     channel_entry *entries;
 } channel_list;
 
 static void channel_list_free(channel_list *list)
 {
-    for (size_t i = 0; i < list->count; i++)
+    for (size_t i = 0; i < list->count; i++) {
         free(list->names[i]);
+        free(list->plain[i]);
+    }
     free(list->names);
+    free(list->plain);
     free(list->entries);
     memset(list, 0, sizeof *list);
 }
@@ -56,37 +60,100 @@ static char *full_name(const char *part, const char *channel)
     return name;
 }
 
+/* The views that a file of several has in its channels' names, the default one first. */
+static exr_attr_string_vector_t find_views(exr_context_t context, int part)
+{
+    static const exr_attr_string_vector_t none;
+    const exr_attribute_t *attribute;
+    return !exr_get_attribute_by_name(context, part, "multiView", &attribute) &&
+                   attribute->type == EXR_ATTR_STRING_VECTOR
+               ? *attribute->stringvector
+               : none;
+}
+
+/* Place in the list of views of that of a channel, which is the part before the last one of its
+ * name ("albedo.left.R"); -1: none. *start: where that part is. */
+static int32_t view_of(const char *name, const exr_attr_string_vector_t *views, size_t *start)
+{
+    const char *dot = strrchr(name, '.');
+    size_t end = dot ? (size_t)(dot - name) : 0;
+    *start = end;
+    while (*start && name[*start - 1] != '.')
+        --*start;
+    for (int32_t i = 0; dot && i < views->n_strings; i++) {
+        const char *view = views->strings[i].str;
+        if (strlen(view) == end - *start && !memcmp(view, name + *start, end - *start))
+            return i;
+    }
+    return -1;
+}
+
+/* Copy of a name without its view, which the names of others than the default view begin with, as
+ * if pictures were view layers: "albedo.R", "right.albedo.R". */
+static char *name_without_view(const char *name, const exr_attr_string_vector_t *views)
+{
+    size_t start, n;
+    int32_t view = view_of(name, views, &start);
+    char *copy = full_name(NULL, name), *to = copy;
+    if (view < 0 || !copy)
+        return copy;
+    n = strlen(views->strings[view].str) + 1;
+    memcpy(to, name + start, n);
+    to += view ? n : 0;
+    memcpy(to, name, start);
+    memcpy(to + start, name + start + n, strlen(name + start + n) + 1);
+    return copy;
+}
+
+/* Appends the channels of the default view and those of no view, or those of the others. */
+static exr_result_t append_channels(channel_list *list, int part, const char *part_name,
+                                    const exr_attr_chlist_t *channels,
+                                    const exr_attr_string_vector_t *views, int is_other)
+{
+    for (int c = 0; c < channels->num_channels; c++) {
+        const char *channel = channels->entries[c].name.str;
+        size_t start;
+        if ((view_of(channel, views, &start) > 0) != is_other)
+            continue;
+        list->names[list->count] = full_name(strchr(channel, '.') ? NULL : part_name, channel);
+        list->plain[list->count] = NULL;
+        list->entries[list->count].part = part;
+        list->entries[list->count++].index = c;
+        if (list->names[list->count - 1])
+            list->plain[list->count - 1] = name_without_view(list->names[list->count - 1], views);
+        if (!list->plain[list->count - 1])
+            return EXR_ERR_OUT_OF_MEMORY;
+    }
+    return EXR_ERR_SUCCESS;
+}
+
 static exr_result_t append_part(channel_list *list, exr_context_t context, int part,
                                 int is_multipart)
 {
     const exr_attr_chlist_t *channels;
     const char *part_name = NULL;
     exr_result_t result = exr_get_channels(context, part, &channels);
+    exr_attr_string_vector_t views;
     size_t count;
-    char **names;
+    char **names, **plain;
     channel_entry *entries;
 
     if (result)
         return result;
+    views = find_views(context, part);
     if (is_multipart && exr_get_name(context, part, &part_name))
         part_name = NULL;
     count = list->count + (size_t)channels->num_channels;
     names = realloc(list->names, (count + 1) * sizeof *names);
     list->names = names ? names : list->names;
+    plain = realloc(list->plain, (count + 1) * sizeof *plain);
+    list->plain = plain ? plain : list->plain;
     entries = realloc(list->entries, (count + 1) * sizeof *entries);
     list->entries = entries ? entries : list->entries;
-    if (!names || !entries)
+    if (!names || !plain || !entries)
         return EXR_ERR_OUT_OF_MEMORY;
-    for (int c = 0; c < channels->num_channels; c++) {
-        const char *channel = channels->entries[c].name.str;
-        char *name = full_name(strchr(channel, '.') ? NULL : part_name, channel);
-        if (!name)
-            return EXR_ERR_OUT_OF_MEMORY;
-        list->entries[list->count].part = part;
-        list->entries[list->count].index = c;
-        list->names[list->count++] = name;
-    }
-    return EXR_ERR_SUCCESS;
+    result = append_channels(list, part, part_name, channels, &views, 0);
+    return result ? result : append_channels(list, part, part_name, channels, &views, 1);
 }
 
 /* All channels, from those of the part `first` on: of equal names the first one counts. */
@@ -106,7 +173,7 @@ static exr_result_t list_channels(channel_list *list, exr_context_t context, int
 /* The layer of the role that belongs to the colour, if there is one. */
 static layer_match find_role(const channel_list *list, image_role role, const image *color)
 {
-    const char *const *names = (const char *const *)list->names;
+    const char *const *names = (const char *const *)list->plain;
     for (size_t i = 0; color && i < list->count; i++)
         if (list->entries[i].part == color->part && list->entries[i].index == color->channel)
             return layers_find_beside(role, names[i], names, list->count);
@@ -148,7 +215,7 @@ static layer_match choose(const channel_list *list, const image_request *request
     else
         match = find_role(list, request->role, request->color);
     if (!match.count && !request->layer && !request->is_exact && request->role != IMAGE_COLOR)
-        match = layers_find(IMAGE_COLOR, names, list->count);
+        match = find_role(list, IMAGE_COLOR, NULL);
     for (unsigned c = 1; c < match.count; c++)
         if (list->entries[match.channels[c]].part != list->entries[match.channels[0]].part)
             match.count = 0;
