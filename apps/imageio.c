@@ -332,10 +332,10 @@ image_status image_write(const char *path, const image *img, const image_target 
         return image_fail(error, IMAGE_ERROR_WRITE, "%s", strerror(code));
     errno = 0;
     status = format_of_path(path)->write(out.stream, img, target ? target : &plain, error);
+    if (ferror(out.stream)) /* the reason; libraries say only that they could not write */
+        status = image_fail(error, IMAGE_ERROR_WRITE, "%s", strerror(errno ? errno : EIO));
     if (platform_interrupted())
         status = image_fail(error, IMAGE_ERROR_WRITE, "interrupted");
-    if (!status && ferror(out.stream))
-        status = image_fail(error, IMAGE_ERROR_WRITE, "%s", strerror(errno ? errno : EIO));
     if (status) {
         output_discard(&out);
         return status;

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import struct
 import zlib
@@ -261,6 +262,7 @@ def test_full_disk(denoise, identity, work, formats, extension):
     (work / f"full.{extension}").symlink_to("/dev/full")
     done = denoise("--hdr", "in.pfm", "-w", identity[3], "-o", f"full.{extension}")
     assert done.code == 4 and f"full.{extension}" in done.error
+    assert os.strerror(errno.ENOSPC) in done.error
 
 
 def test_output_replaces_what_a_link_points_to(denoise, identity, work):
