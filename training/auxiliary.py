@@ -50,6 +50,14 @@ def load_prefilters(settings: Settings) -> list[Prefilter]:
     return prefilters
 
 
+def prefiltered(image: np.ndarray, features: list[str],
+                prefilters: list[Prefilter]) -> np.ndarray:
+    """[H,W,C] encoded features after all prefilters."""
+    for p in prefilters:
+        image = p.apply(image, features)
+    return image
+
+
 def run_network(model: torch.nn.Module, codes: np.ndarray) -> np.ndarray:
     """[H,W,C] network codes -> [H,W,Cout], padded on the way as the model needs it."""
     h, w = codes.shape[:2]

@@ -8,7 +8,6 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import torch
@@ -28,14 +27,15 @@ from export.quantizer import Options, Quantizer, transfer_top
 from export.reference import float_model
 from training import color
 from training.augment import Augment
-from training.data import Batches, Picture, from_raw
+from training.data import Batches, Picture
 from training.errors import STATE, USAGE, ToolError
 from training.features import encode
 from training.kernel_integer import IntegerKernel
 from training.loss import loss_of_settings
+from training.pictures import read_raw, scan_set
 from training.quantize_aware import IntegerNet, fine_tune, held_out, judge
 from training.result import Result, load_model, save_state
-from training.scan import CHANNELS, scan
+from training.scan import CHANNELS
 from training.settings import Settings
 from training.store import find_stored, read_pictures
 
@@ -77,9 +77,12 @@ def quantize(tensors: dict[str, torch.Tensor], settings: Settings, pictures: lis
 
 
 def spread_codes(pictures: list[Picture], count: int) -> list[np.ndarray]:
-    """Codes of inputs of so many of the pictures, evenly spread, of few and of many samples."""
+    """Codes of inputs of so many of the pictures, evenly spread, of few and of many samples; the
+    features of their references where they have none themselves."""
     chosen = pictures[::max(len(pictures) // count, 1)][:count]
-    return [p.inputs[i % len(p.inputs)].astype(np.float32) for i, p in enumerate(chosen)]
+    inputs = [(p.inputs[i % len(p.inputs)], p.target) for i, p in enumerate(chosen)]
+    return [np.concatenate([x, target[..., x.shape[-1]:]], -1).astype(np.float32)
+            for x, target in inputs]
 
 
 def kernel_input(codes: np.ndarray, settings: Settings, index: int) -> np.ndarray:
@@ -104,9 +107,9 @@ def calibration_pictures(settings: Settings, count: int = CALIBRATION,
     try:
         if not s.get("raw"):
             return read_pictures(find_stored(s, s.train_data), s.features, s.main_feature, False)
-        found = scan(Path(s.data_dir) / s.train_data, s.features)
+        found = scan_set(s, s.train_data)
         found.groups = found.groups[::max(len(found.groups) // count, 1)][:count]
-        pictures = from_raw(found, s.features, s.main_feature, s.transfer, layers=s.layers, log=say)
+        pictures = read_raw(found, s, say)
         if pictures:
             return pictures
     except ToolError as e:

@@ -5,9 +5,10 @@ from pathlib import Path
 
 from training import parallel
 from training.augment import Augment
+from training.auxiliary import load_prefilters, prefiltered
 from training.data import Alternating, Batches, Picture, from_raw
 from training.errors import DATA, ToolError
-from training.scan import hold_out, scan
+from training.scan import Scan, hold_out, scan
 from training.settings import Settings
 from training.store import find_stored, read_pictures
 
@@ -31,15 +32,31 @@ def open_data(settings: Settings, say) -> tuple[list[Picture], list[Picture], li
 
 def open_set(settings: Settings, name: str, say) -> tuple[list[Picture], list[str]]:
     """The pictures of a data set, and the names of all its groups, unreadable ones included."""
-    f, m = settings.features, settings.main_feature
     if not settings.raw:
         stored = find_stored(settings, name)
-        pictures = read_pictures(stored, f, m, settings.clean_aux)
+        pictures = read_pictures(stored, settings.features, settings.main_feature,
+                                 settings.clean_aux)
         return pictures, [*stored.left_out, *(p.name for p in pictures)]
-    found = scan(Path(settings.data_dir) / name, f, f if settings.clean_aux else [m])
+    found = scan_set(settings, name)
     say("\n".join(found.summary()))
-    pictures = from_raw(found, f, m, settings.transfer, settings.clean_aux, settings.layers, say)
-    return pictures, [g.name for g in found.groups]
+    return read_raw(found, settings, say), [g.name for g in found.groups]
+
+
+def scan_set(settings: Settings, name: str) -> Scan:
+    """A raw data set. With --clean_aux references have all features and inputs need none of them
+    but the main one."""
+    every, main = settings.features, [settings.main_feature]
+    wanted = (main, every) if settings.clean_aux else (every, main)
+    return scan(Path(settings.data_dir) / name, *wanted)
+
+
+def read_raw(found: Scan, settings: Settings, say) -> list[Picture]:
+    """The pictures of a raw data set, their inputs as preprocess would store them."""
+    s, prefilters = settings, load_prefilters(settings)
+    pictures = from_raw(found, s.features, s.main_feature, s.transfer, s.clean_aux, s.layers, say)
+    for picture in pictures:
+        picture.inputs = [prefiltered(x, s.features, prefilters) for x in picture.inputs]
+    return pictures
 
 
 def make_batches(pictures: list[Picture], settings: Settings,

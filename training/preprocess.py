@@ -18,14 +18,13 @@ import os
 import shutil
 from pathlib import Path
 
-import numpy as np
-
 from export.tza import Writer
 from training import errors
-from training.auxiliary import Prefilter, load_prefilters
+from training.auxiliary import Prefilter, load_prefilters, prefiltered
 from training.data import load_group
 from training.errors import DATA, OUTPUT, ToolError
-from training.scan import CHANNELS, Scan, scan
+from training.pictures import scan_set
+from training.scan import CHANNELS, Scan
 from training.settings import Settings, parse, unique_id
 
 
@@ -46,8 +45,7 @@ def main(argv: list[str]) -> None:
 
 def preprocess(settings: Settings, name: str, prefilters: list[Prefilter]) -> Path | None:
     """Write one data set; returns its folder."""
-    found = scan(Path(settings.data_dir) / name, settings.features,
-                 settings.features if settings.clean_aux else [settings.main_feature])
+    found = scan_set(settings, name)
     print("\n".join(found.summary()))
     folder = Path(settings.preproc_dir) / f"{name}.{_suffix(settings, name, found)}"
     if (folder / "config.json").exists():
@@ -125,16 +123,10 @@ def _write(settings: Settings, groups: list, work: Path,
                 target = target[..., :CHANNELS[settings.main_feature]]
             out.write(target_name, target, "hwc")
             for name, image in zip(picture.names, picture.inputs):
-                out.write(name, prefilter(image, settings, prefilters), "hwc")
+                out.write(name, prefiltered(image, settings.features, prefilters), "hwc")
                 samples.append([name, target_name])
     (work / "samples.json").write_text(json.dumps(samples, indent=1) + "\n")
     return len(samples), left_out
-
-
-def prefilter(image: np.ndarray, settings: Settings, prefilters: list[Prefilter]) -> np.ndarray:
-    for p in prefilters:
-        image = p.apply(image, settings.features)
-    return image
 
 
 if __name__ == "__main__":
