@@ -250,9 +250,9 @@ def check_gain(title: str, rows: list[dict], least: float | None) -> None:
 def by_spp(rows: list[dict]) -> list[dict]:
     """Means per sample count, as rows."""
     merged = []
-    for spp in sorted({r["spp"] for r in rows}):
-        part = [r for r in rows if r["spp"] == spp]
-        row = {"case": f"{spp} spp ({len(part)})"}
+    for spp in sorted({r["spp"] or 0 for r in rows}):  # names may have none
+        part = [r for r in rows if (r["spp"] or 0) == spp]
+        row = {"case": f"{spp or '?'} spp ({len(part)})"}
         for m in ("noisy", "lull", "oidn"):
             if all(m in r for r in part):
                 row[m] = {n: float(np.mean([r[m][n] for r in part])) for n in part[0][m]}
@@ -295,13 +295,13 @@ def main(argv: list[str]) -> None:
     held_out = [parse_held_out(text) for text in args.held_out]
     if args.less_reference and "psnr" not in args.metric:
         raise ToolError("--less_reference: is about psnr, which --metric leaves out", USAGE)
+    models = [(path, features, load_denoiser(path, features)) for path, features in models]
     torch.set_num_threads(1)
     binary = None if args.no_oidn else peer.find_binary()
     print(f"OIDN: {'oidnDenoise of pyoidn' if binary else 'not run'}")
     images = [(Path(d).name, find_cases(Path(d))) for d in args.images]
     lines, figures = [], []
-    for path, features in models:
-        denoiser = load_denoiser(path, features)
+    for path, features, denoiser in models:
         trained = trained_features(path, features) if held_out else features
         sets = images + [(f"held out of {folder.name}",
                           readable(held_out_cases(folder, count, trained), features))

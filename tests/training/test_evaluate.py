@@ -129,6 +129,24 @@ def test_what_train_cannot_read_is_not_measured(work, capsys):
     assert "left out scene5/view5_0004spp: " in capsys.readouterr().out
 
 
+def test_pictures_without_a_count_have_a_row(work):
+    make_raw(work / "d", 2)
+    for path in (work / "d").rglob("*_0001spp.*"):
+        path.rename(path.with_name(path.name.replace("_0001spp", "")))
+    weights("a.tza", ["hdr"])
+    scored(work, "all.json", "a.tza=hdr", "--held_out", "d:1", "--report", "r.md")
+    rows = [line.split(" | ")[0] for line in Path("r.md").read_text().splitlines()]
+    assert "| ? spp (1)" in rows and "| 4 spp (1)" in rows
+
+
+def test_models_are_there_before_any_is_measured(work, fails, capsys):
+    make_raw(work / "d", 2)
+    weights("a.tza", ["hdr"])
+    for text, code in (("b.tza=hdr", 3), ("a.tza=hdr,alb", 2)):
+        assert fails(evaluate.main, ["a.tza=hdr", text, "--images", "d", "--no_oidn"])[0] == code
+    assert capsys.readouterr().out == ""
+
+
 def test_family_k_was_trained_with_all_features(root):
     file = root / "weights" / "kernel5_8.tza"
     assert evaluate.trained_features(file, ["ldr"]) == ["ldr", "alb", "nrm"]
