@@ -33,7 +33,7 @@ def main(argv: list[str]) -> None:
     for path, image in zip(settings.images, (a, b), strict=True):
         metrics.require_numbers(image, path)
     shown = [metrics.to_display(i, feature, settings.exposure) for i in (a, b)]
-    values = metrics.measure(shown[0], shown[1], settings.metric)
+    values = metrics.measure(shown[0], shown[1], settings.metric, settings.images[0])
     print(", ".join(f"{k} = {v:.4f}" for k, v in values.items()))
 
 

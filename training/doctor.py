@@ -20,7 +20,7 @@ import numpy as np
 
 from training import color, errors, metrics
 from training.errors import DATA, ToolError
-from training.features import clean, holds, load_raw
+from training.features import FLT_MAX, clean, holds, load_raw
 from training.scan import Group, Version, scan
 from training.settings import parse
 
@@ -72,6 +72,11 @@ def roughness(image: np.ndarray) -> float:
     return float(np.abs(image[:, 2:] - 2 * image[:, 1:-1] + image[:, :-2]).mean())
 
 
+def mean_light(image: np.ndarray) -> float:
+    """Mean of cleaned values but for those that were infinite, never 0."""
+    return float(np.where(image < FLT_MAX, image, 0.0).mean(dtype=np.float64)) + 1e-6
+
+
 def check_pair(main: str, source: np.ndarray, target: np.ndarray) -> Iterator[str]:
     """Findings about an input beside its reference; both cleaned, of one size."""
     if np.array_equal(source, target):
@@ -82,7 +87,7 @@ def check_pair(main: str, source: np.ndarray, target: np.ndarray) -> Iterator[st
     if roughness(b) > 1.1 * roughness(a):
         yield "less noisy than its reference"
     if min(a.shape[:2]) >= 16:
-        level = (np.mean(source) + 1e-6) / (np.mean(target) + 1e-6)
+        level = mean_light(source) / mean_light(target)
         if not 0.5 < level < 2 and main in ("hdr", "ldr"):
             yield f"{level:.2f} times as bright as its reference"
         fa, fb = blur(a) - a.mean((0, 1)), blur(b) - b.mean((0, 1))

@@ -115,6 +115,10 @@ def infer_group(group: Group, denoiser: Denoiser, settings: Settings, root: Path
     for version in group.inputs:
         images = load(version, denoiser.features, settings.layers)
         output = denoiser.run(images)
+        save(folder / f"{version.name}.{suffix}", output, main_feature, settings.format, exposure)
+        if settings.save_all:
+            save(folder / version.name, images[main_feature], main_feature, settings.format,
+                 exposure)
         values = {}
         if target is not None:
             if target.shape != output.shape:
@@ -122,10 +126,6 @@ def infer_group(group: Group, denoiser: Denoiser, settings: Settings, root: Path
                                 DATA)
             shown = [metrics.to_display(i, main_feature, exposure) for i in (output, target)]
             values = metrics.measure(*shown, settings.metric, version.name)
-        save(folder / f"{version.name}.{suffix}", output, main_feature, settings.format, exposure)
-        if settings.save_all:
-            save(folder / version.name, images[main_feature], main_feature, settings.format,
-                 exposure)
         yield version.name, values
 
 

@@ -9,7 +9,7 @@ import torch
 
 from training import color
 from training.errors import DATA, DEPENDENCY, ToolError
-from training.loss import msssim_value, ssim_value
+from training.loss import TAPS, msssim_value, ssim_value
 from training.scan import MAIN_FEATURES
 
 
@@ -79,6 +79,10 @@ def measure(image: np.ndarray, reference: np.ndarray, names: list[str],
     """Metrics by name of two display images of one size; `what`: the image's name in errors."""
     for name, values in ((what, image), (f"reference of {what}", reference)):
         require_numbers(values, name)
+    height, width = image.shape[:2]
+    if min(height, width) < TAPS and {"ssim", "msssim"} & set(names):
+        raise ToolError(f"{what}: {width}x{height} pixels, SSIM needs {TAPS}x{TAPS} (--metric "
+                        "chooses others)", DATA)
     return {n: METRICS[n](image, reference) for n in names}
 
 

@@ -16,7 +16,8 @@ import pytest
 from export import export
 from tests.training.test_kernel_train import RAW, TINY
 from tests.training.tools import make_raw, picture, write_features
-from training import color, compare_image, convert_image, evaluate, infer, nets, train
+from training import (color, compare_image, convert_image, doctor, evaluate, infer, nets,
+                      train)
 from training.features import load
 from training.imageio import read_image, write_image
 from training.scan import scan
@@ -121,3 +122,32 @@ def test_termination_saves_like_an_interrupt(work):
         _, err = process.communicate(timeout=60)
     assert process.returncode == 130 and "the same command resumes" in err
     assert (work / "results/a/checkpoints/latest").exists()
+
+
+def test_pictures_too_small_for_ssim(work, fails, capsys):
+    """What infer made of them is kept."""
+    make_raw(work / "data" / "train", 2)
+    make_raw(work / "data" / "test", 1, spp=(4,), height=10, width=64)
+    train.main([*RAW, "-e", "1", "-r", "a"])
+    stem = "data/test/scene0/view0"
+    output = Path("infer/test/scene0/view0_0004spp.a.hdr.exr")
+    for call in ((compare_image, f"{stem}_0004spp.hdr.exr", f"{stem}_ref.hdr.exr"),
+                 (infer, "-r", "a")):
+        code, message = fails(call[0].main, list(call[1:]))
+        assert code == 3 and "_0004spp" in message
+        assert "64x10 pixels, SSIM needs 11x11 (--metric chooses others)" in message
+    assert output.exists()
+    infer.main(["-r", "a", "-M", "psnr"])
+    assert "(1 images)" in capsys.readouterr().out
+
+
+def test_doctor_compares_light_where_it_is_finite(work, fails, capsys):
+    for name in ("p_4", "p_ref"):
+        image = picture(0)["hdr"]
+        image[3, 4 if name == "p_4" else 5], image[6, 7] = np.inf, np.nan
+        write_features(Path("data/d"), name, {"hdr": image})
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert fails(doctor.main, ["hdr", "-i", "d"])[0] == 3
+    out = capsys.readouterr().out
+    assert "p_4: hdr: 2 pixels with NaN or infinity" in out and "as bright" not in out
