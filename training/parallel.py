@@ -18,6 +18,7 @@ import signal
 import socket
 import sys
 from collections.abc import Callable, Iterable
+from datetime import timedelta
 from multiprocessing.context import ForkContext, ForkProcess
 
 import torch
@@ -28,6 +29,10 @@ from training.errors import INTERRUPTED, STATE, USAGE, ToolError
 from training.interrupt import Interrupted, Interrupts
 from training.optimizer import Optimizer
 from training.settings import Settings
+
+# How long processes wait for another: validations and the integer stage are the first one's alone,
+# and last as long as they do. Of one that died those hear that started it.
+PATIENCE = timedelta(days=7)
 
 
 class Team:
@@ -195,7 +200,7 @@ def _member(rank: int, work, settings: Settings, world: int, local: int) -> None
     # threads; a thread that lives on while the interpreter ends may abort it.
     importlib.import_module("torch.distributed.nn.functional")
     dist.init_process_group("cpu:gloo,cuda:nccl" if device.type == "cuda" else "gloo", rank=rank,
-                            world_size=world)
+                            world_size=world, timeout=PATIENCE)
     team = Team(rank, world, device)
     try:
         work(settings, team)

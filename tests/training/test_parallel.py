@@ -49,3 +49,32 @@ def test_graphs_are_for_gpus():
     with pytest.raises(ToolError, match="--compile graphs needs a cuda device"):
         parallel.compiled(model, s, team)
     assert parallel.compiled(model, s.replace(compile=None), team) is model
+
+
+SHORT = """
+from datetime import timedelta
+import torch.distributed.distributed_c10d as c10d
+c10d.default_pg_timeout = timedelta(seconds=1)
+import time
+from training import parallel
+from training.settings import parse
+
+def work(settings, team):
+    if team.rank == 0:
+        time.sleep(4)
+    team.wait()
+    print("waited")
+
+parallel.launch(work, parse("train", ["hdr", "--threads", "1", "-d", "cpu", "-b", "2"], ""))
+"""
+
+
+def test_processes_wait_for_what_one_does_alone(root, tmp_path):
+    """However long, as validations and the integer stage are."""
+    (tmp_path / "member.py").write_text(SHORT)
+    env = dict(os.environ, PYTHONPATH=str(root), OMP_NUM_THREADS="1")
+    run = subprocess.run([sys.executable, "-m", "torch.distributed.run", "--nproc_per_node=2",
+                          f"--master_port={port()}", str(tmp_path / "member.py")],
+                         env=env, capture_output=True, text=True, timeout=600)
+    assert run.returncode == 0, run.stderr
+    assert run.stdout.count("waited") == 2
