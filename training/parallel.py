@@ -186,7 +186,7 @@ def _spawned(rank: int, work, settings: Settings) -> None:
         _member(rank, work, settings, settings.num_devices, rank)
     except (ToolError, KeyboardInterrupt) as e:
         if rank == 0:
-            print(f"Error: {e or 'interrupted'}", file=sys.stderr)
+            print(f"Error: {str(e) or 'interrupted'}", file=sys.stderr)
         sys.exit(e.code if isinstance(e, ToolError) else INTERRUPTED)
 
 

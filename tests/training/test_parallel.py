@@ -78,3 +78,14 @@ def test_processes_wait_for_what_one_does_alone(root, tmp_path):
                          env=env, capture_output=True, text=True, timeout=600)
     assert run.returncode == 0, run.stderr
     assert run.stdout.count("waited") == 2
+
+
+def test_an_interrupted_process_says_so(monkeypatch, capsys):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(parallel, "_member", interrupted)
+    monkeypatch.setattr(parallel.signal, "signal", lambda *_: None)
+    with pytest.raises(SystemExit) as ended:
+        parallel._spawned(0, None, parse("train", ["hdr", "-n", "2"]))
+    assert ended.value.code == 130 and capsys.readouterr().err == "Error: interrupted\n"

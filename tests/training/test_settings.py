@@ -130,6 +130,7 @@ def test_data_sets_follow_each_other():
     ("train", ["hdr", "-b", "5", "-n", "2"]), ("train", ["hdr", "--ts", "50"]),
     ("train", ["hdr", "-e", "0"]), ("train", ["hdr", "--time-budget", "soon"]),
     ("train", ["hdr", "-l", "nope"]), ("train", ["hdr", "--epoch", "3"]),
+    ("train", ["sh1", "--quantize_aware", "5"]), ("train", ["z", "--quantize_aware", "5"]),
     ("preprocess", ["hdr", "--shard", "2/2"]), ("preprocess", ["hdr", "--layers", "alb"]),
     ("infer", []), ("visualize", []), ("export", ["-r", "x", "nothing"]),
     ("compare_image", ["a"]), ("split_exr", [])])
