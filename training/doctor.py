@@ -69,6 +69,8 @@ def blur(image: np.ndarray) -> np.ndarray:
 
 def roughness(image: np.ndarray) -> float:
     """Mean absolute second difference: an estimate of the noise of display values."""
+    if image.shape[1] < 3:
+        return 0.0
     return float(np.abs(image[:, 2:] - 2 * image[:, 1:-1] + image[:, :-2]).mean())
 
 

@@ -109,8 +109,10 @@ class Fused(torch.autograd.Function):
 
 
 def planar(x: Tensor) -> Tensor:
-    """Images whose planes may be some of a larger tensor's."""
-    return x if x.stride()[1:] == (x.shape[2] * x.shape[3], x.shape[3], 1) else x.contiguous()
+    """Images whose planes may be some of a larger tensor's. (Of sides of one pixel `contiguous`
+    keeps any strides.)"""
+    is_planar = x.stride()[1:] == (x.shape[2] * x.shape[3], x.shape[3], 1)
+    return x if is_planar else x.clone(memory_format=torch.contiguous_format)
 
 
 def apply_filter(heads: list[Tensor], radiance: Tensor, albedo: Tensor,

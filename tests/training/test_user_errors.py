@@ -18,6 +18,7 @@ from tests.training.test_kernel_train import RAW, TINY
 from tests.training.tools import make_raw, picture, write_features
 from training import (color, compare_image, convert_image, doctor, evaluate, infer, nets,
                       train)
+from training.errors import ToolError
 from training.features import load
 from training.imageio import read_image, write_image
 from training.scan import scan
@@ -151,3 +152,19 @@ def test_doctor_compares_light_where_it_is_finite(work, fails, capsys):
         assert fails(doctor.main, ["hdr", "-i", "d"])[0] == 3
     out = capsys.readouterr().out
     assert "p_4: hdr: 2 pixels with NaN or infinity" in out and "as bright" not in out
+
+
+def test_pictures_of_one_pixel(work, capsys):
+    """In one direction or both."""
+    make_raw(work / "data" / "train", 2)
+    for name, height, width in (("a", 1, 1), ("b", 1, 40), ("c", 40, 1), ("d", 2, 1)):
+        images = {k: v[:height, :width] for k, v in picture(1).items()}
+        for spp in (4, 64):
+            write_features(work / "data" / "test", f"{name}_{spp}", images)
+    train.main([*RAW, "-m", TINY, "-e", "1", "-r", "k"])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        infer.main(["-r", "k", "-M", "mse"])
+        assert "(4 images)" in capsys.readouterr().out
+        with pytest.raises(ToolError, match="4 findings in 4 groups"):  # both are the same
+            doctor.main(["hdr", "alb", "nrm", "-i", "test"])
