@@ -86,6 +86,28 @@ TRANSFERS = {t.name: t for t in (
 )}
 
 
+class HalfTable:
+    """A transfer function and its inverse on half floats, as tables over all their codes. A sign
+    does not count: renders have zeros of either."""
+
+    def __init__(self, transfer: str):
+        t = TRANSFERS[transfer]
+        code = np.arange(0x3C01, dtype=np.uint16).view(np.float16).astype(np.float64)  # [0,1]
+        self.to_radiance = t.inverse(code).astype(np.float32)
+        value = np.arange(0x7C00, dtype=np.uint16).view(np.float16).astype(np.float64)  # finite
+        self.to_code = np.clip(t.forward(value), 0.0, 1.0).astype(np.float32)
+
+    def decode(self, code: np.ndarray) -> np.ndarray:
+        """Radiance of half float codes in [0,1]."""
+        index = np.ascontiguousarray(code).view(np.uint16) & 0x7FFF
+        return np.take(self.to_radiance, index, mode="clip")
+
+    def encode(self, radiance: np.ndarray) -> np.ndarray:
+        """Codes of finite radiance >= 0."""
+        half = np.minimum(radiance, np.float32(HDR_MAX)).astype(np.float16)
+        return np.take(self.to_code, half.view(np.uint16) & 0x7FFF, mode="clip")
+
+
 def luminance(image: np.ndarray) -> np.ndarray:
     """[H,W,3] -> [H,W]"""
     return image @ np.asarray(LUMINANCE, image.dtype)

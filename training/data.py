@@ -43,26 +43,6 @@ class Picture:
     target_spp: float = math.inf  # unknown: converged
 
 
-class HalfTable:
-    """A transfer function and its inverse on half floats, as tables over all their codes."""
-
-    def __init__(self, transfer: str):
-        t = color.TRANSFERS[transfer]
-        code = np.arange(0x3C01, dtype=np.uint16).view(np.float16).astype(np.float64)  # [0,1]
-        self.to_radiance = t.inverse(code).astype(np.float32)
-        value = np.arange(0x7C00, dtype=np.uint16).view(np.float16).astype(np.float64)  # finite
-        self.to_code = np.clip(t.forward(value), 0.0, 1.0).astype(np.float32)
-
-    def decode(self, code: np.ndarray) -> np.ndarray:
-        """Radiance of half float codes in [0,1]."""
-        return np.take(self.to_radiance, np.ascontiguousarray(code).view(np.uint16), mode="clip")
-
-    def encode(self, radiance: np.ndarray) -> np.ndarray:
-        """Codes of finite radiance >= 0."""
-        half = np.minimum(radiance, np.float32(color.HDR_MAX)).astype(np.float16)
-        return np.take(self.to_code, half.view(np.uint16), mode="clip")
-
-
 def from_raw(found: Scan, features: list[str], main: str, transfer: str, clean_aux: bool = False,
              layers: dict[str, str] | None = None,
              log: Callable[[str], None] | None = None) -> list[Picture]:
@@ -130,7 +110,7 @@ class Batches:
         self.tile, self.clean_aux, self.batch_size = tile, clean_aux, batch_size
         self.rank, self.world = rank, world
         self.features = [f for f in FEATURES if f in features]
-        self.table = HalfTable(transfer)
+        self.table = color.HalfTable(transfer)
         self.main_channels = CHANNELS[main]
         self.pairs = [(i, k) for i, p in enumerate(pictures) for k in range(len(p.inputs))]
         if not self.pairs:

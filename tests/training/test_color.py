@@ -7,7 +7,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from training import color
-from training.data import HalfTable
 
 
 @pytest.mark.parametrize("y,code", [(0.01, 0.0711), (0.18, 0.2152), (1, 0.3189), (10, 0.4601),
@@ -27,12 +26,19 @@ def test_round_trip(name):
 
 @pytest.mark.parametrize("name", ["pu", "log", "srgb", "linear"])
 def test_half_tables_agree(name):
-    table, t = HalfTable(name), color.TRANSFERS[name]
+    table, t = color.HalfTable(name), color.TRANSFERS[name]
     code = np.linspace(0, 1, 500).astype(np.float16)
     assert table.decode(code) == pytest.approx(t.inverse(code.astype(np.float64)), rel=1e-5)
     y = np.linspace(0, 1, 500).astype(np.float32)
     want = np.clip(t.forward(y.astype(np.float16).astype(np.float64)), 0, 1)
     assert table.encode(y) == pytest.approx(want, abs=1e-6)
+
+
+@pytest.mark.parametrize("name", ["pu", "log", "srgb", "linear"])
+def test_negative_zeros_are_black(name):
+    """Renders have some; their bits are those of the largest half floats and more."""
+    table, black = color.HalfTable(name), np.array([-0.0], np.float16)
+    assert table.decode(black) == table.encode(black.astype(np.float32)) == 0
 
 
 def slow_autoexposure(image):

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 
 from tests.training.tools import make_raw, noisy, picture, write_features
 from training import color
-from training.data import Alternating, Augment, Batches, Picture, load_group, shuffle
+from training.data import (Alternating, Augment, Batches, Picture, from_raw, load_group,
+                           shuffle)
 from training.errors import ToolError
 from training.features import encode, load
 from training.imageio import write_exr, write_image
@@ -271,3 +272,19 @@ def test_every_nth_batch_is_of_large_tiles(tmp_path):
         make_batches(small, s, team)
     with pytest.raises(ToolError, match="a quarter of --batch_size 6 does not divide"):
         parse("train", [*F, "-b", "6", "--large_tiles", "3"])
+
+
+def test_black_pixels_stay_black_whatever_their_sign(tmp_path):
+    """Where radiance is decoded to be augmented; in a render they may be negative zeros."""
+    image = picture(0)["hdr"]
+    for name, black in (("plus", 0.0), ("minus", -0.0)):
+        image[10:30, 10:30] = black
+        for spp in (1, 64):
+            write_features(tmp_path / name, f"p_{spp}", {"hdr": image})
+    tiles = []
+    for name in ("plus", "minus"):
+        pictures = from_raw(scan(tmp_path / name, ["hdr"]), ["hdr"], "hdr", "pu")
+        batches = Batches(pictures, ["hdr"], "hdr", "pu", 4, 32, 1, Augment(exposure=2.0))
+        tiles.append(batches[0])
+    for plus, minus in zip(*tiles, strict=True):
+        assert torch.equal(plus, minus) and plus.max() < 0.6
