@@ -115,10 +115,13 @@ class Batches:
         self.pairs = [(i, k) for i, p in enumerate(pictures) for k in range(len(p.inputs))]
         if not self.pairs:
             raise ToolError("no training images", DATA)
-        small = min(min(p.target.shape[:2]) for p in pictures)
+        smallest = min(pictures, key=lambda p: min(p.target.shape[:2]))
+        small = min(smallest.target.shape[:2])
         if small < tile:
-            raise ToolError(f"an image is smaller than the tile size ({small} < {tile}): "
-                            f"choose --tile_size {small // 16 * 16} or less", 2)
+            fits = small // 16 * 16
+            advice = f"choose --tile_size {fits} or less" if fits else "leave it out"
+            raise ToolError(f"{smallest.name}: an image is smaller than the tile size ({small} < "
+                            f"{tile}): {advice}", 2)
         self.steps_per_epoch = -(-len(self.pairs) // batch_size)
 
     def __len__(self) -> int:

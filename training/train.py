@@ -40,7 +40,7 @@ from training.result import Result, load_tensors, make_model, weights_of
 from training.schedule import Plan, one_cycle
 from training.settings import Settings, parse, unique_id
 from training.teacher import Teacher
-from training.validate import Board, Scores, validate
+from training.validate import Board, Scores, require_tiles, validate
 from training.widths import fitted
 
 # Settings that a resumed training may change; all others must be as they were.
@@ -82,6 +82,7 @@ def worker(settings: Settings, team: parallel.Team) -> None:
 
     # Data. Nothing is written before this has worked.
     pictures, valid, held_out = open_data(settings, say)
+    require_tiles(valid, settings.tile_size)
     if resuming:
         agree_held_out(result, held_out)
     settings = settings.replace(held_out=held_out)

@@ -49,6 +49,12 @@ def tiles(height: int, width: int, tile: int) -> list[tuple[int, int, int]]:
     return [(oy + i * t, ox + j * t, t) for i in range(ny) for j in range(nx)]
 
 
+def require_tiles(valid: list[Picture], tile: int) -> None:
+    """ToolError if there are pictures, and none is large enough to validate on."""
+    if valid and not any(tiles(*p.target.shape[:2], tile) for p in valid):
+        raise ToolError("the validation pictures are smaller than 16x16 pixels")
+
+
 @contextmanager
 def averaged(model: torch.nn.Module, ema: list[Tensor]):
     """The model with its averaged weights for a while."""
@@ -119,8 +125,7 @@ def score(model, valid: list[Picture], settings: Settings, loss_of: Callable, de
                     by_spp[int(spp)].append(rows[-1])
                     if part == 0 and (y, x) == grid[0][:2] and len(examples) < EXAMPLES:
                         examples.append(np.concatenate([shown[2], shown[0], shown[1]], 1))
-    if not losses:
-        raise ToolError("the validation pictures are smaller than 16x16 pixels")
+
     def mean(of: list) -> dict[str, float]:
         return dict(zip(names, np.mean(of, 0)))
 

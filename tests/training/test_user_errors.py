@@ -168,3 +168,23 @@ def test_pictures_of_one_pixel(work, capsys):
         assert "(4 images)" in capsys.readouterr().out
         with pytest.raises(ToolError, match="4 findings in 4 groups"):  # both are the same
             doctor.main(["hdr", "alb", "nrm", "-i", "test"])
+
+
+def test_pictures_too_small_to_train_on(work, fails):
+    """They are named, those for validation before the training begins."""
+    make_raw(work / "data" / "train", 2)
+    write_features(work / "data" / "train", "small_4", picture(0, 24, 64))
+    write_features(work / "data" / "train", "small_64", picture(0, 24, 64))
+    code, message = fails(train.main, [*RAW, "-r", "a"])
+    assert code == 2 and message.startswith("small: ")
+    assert message.endswith("(24 < 32): choose --tile_size 16 or less")
+    tiny = {k: v[:8, :8] for k, v in picture(0).items()}
+    for spp in (4, 64):
+        write_features(work / "data" / "train", f"tiny_{spp}", tiny)
+        write_features(work / "data" / "valid", f"tiny_{spp}", tiny)
+    assert fails(train.main, [*RAW, "-r", "a"])[1].endswith("(8 < 32): leave it out")
+    for path in (work / "data" / "train").glob("*.exr"):
+        path.unlink()
+    code, message = fails(train.main, [*RAW, "-v", "valid", "-r", "a"])
+    assert code == 3 and message == "the validation pictures are smaller than 16x16 pixels"
+    assert not Path("results/a").exists()
