@@ -8,7 +8,7 @@ from training.augment import Augment
 from training.auxiliary import load_prefilters, prefiltered
 from training.data import Alternating, Batches, Picture, from_raw
 from training.errors import DATA, ToolError
-from training.scan import Scan, hold_out, scan
+from training.scan import CHANNELS, Scan, hold_out, scan
 from training.settings import Settings
 from training.store import find_stored, read_pictures
 
@@ -19,6 +19,10 @@ def open_data(settings: Settings, say) -> tuple[list[Picture], list[Picture], li
     if not settings.train_data:
         raise ToolError("no training images: --train_data is missing", DATA)
     pictures, names = open_set(settings, settings.train_data, say)
+    if settings.mix_clean_aux and not any(p.target.shape[-1] > CHANNELS[settings.main_feature]
+                                          for p in pictures):
+        say("--mix_clean_aux: no reference has features"
+            + ("" if settings.raw else " (preprocessed sets keep none; --raw does)"))
     valid = open_set(settings, settings.valid_data, say)[0] if settings.get("valid_data") else []
     count = settings.get("hold_out") or 0
     held_out = sorted(hold_out(names, count))

@@ -75,3 +75,14 @@ def test_prefiltered_features_of_raw_data(raw, work):
     assert not all(torch.equal(a[k], plain[k]) for k in a)
     stored, read = (calibration_pictures(Result("results", name).config()) for name in "ab")
     assert np.array_equal(stored[0].inputs[0], read[0].inputs[0])
+
+
+def test_references_without_features_cannot_be_mixed_in(raw, work, capsys):
+    """A line says so; preprocessed sets keep none of references, as the original's."""
+    data = ["-D", str(raw), "-t", "train"]
+    preprocess.main([*ALL, *data])
+    args = [*ALL, *data, *QUICK, "-e", "1", "--mix_clean_aux", "0.5"]
+    for name, more, said in (("a", [], True), ("b", ["--raw"], False)):
+        capsys.readouterr()
+        train.main([*args, *more, "-r", name])
+        assert ("--mix_clean_aux: no reference has features" in capsys.readouterr().out) is said
