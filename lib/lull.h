@@ -172,7 +172,8 @@ typedef struct lull_plan_info {
 /* Bytes that lull_plan_init needs, or 0 on error (then lull_plan_init says which). */
 size_t lull_plan_size(const lull_frame *frame, const lull_model *model);
 
-/* Bytes of the narrowest, slowest plan for this frame: the floor of max_bytes. 0 on error. */
+/* Bytes of the smallest plan for this frame, most often the narrowest and slowest, whatever
+ * row_step and strip_width it asks for: the floor of max_bytes where these are 0. 0 on error. */
 size_t lull_plan_minimum(const lull_frame *frame, const lull_model *model);
 
 /* Makes a plan in `memory`. `model` must outlive it.
@@ -189,7 +190,7 @@ typedef enum lull_type { LULL_F32 = 0, LULL_F16 = 1 } lull_type;
 
 /* A view of the caller's pixels. Strides are in bytes and need not be multiples of the element
  * size; rows must not overlap. Bytes between pixels and rows are never written. One channel stands
- * for grey (x,x,x), two for (x,y,y). */
+ * for grey (x,x,x), two for (x,y,y); a grey output is the mean of the three that come of it. */
 typedef struct lull_image {
     void *data; /* first pixel, or NULL: no such image */
     lull_type type;

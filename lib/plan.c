@@ -302,21 +302,25 @@ static void layout(lull_plan *plan)
     plan->bytes = total;
 }
 
-/* The narrowest plan, with the row step that then needs least. */
+/* The plan that needs least: in the narrowest strips or, as those of a plan in place keep columns
+ * of the whole height, in one; with the row step that then needs least. */
 LULL_NOINLINE static void layout_minimum(lull_plan *plan)
 {
-    unsigned best = 0;
+    const unsigned narrow = 1u << plan->model->graph.levels;
+    unsigned best_step = 0, best_width = 0;
     size_t least = (size_t)-1;
-    plan->strip_width = 1u << plan->model->graph.levels;
-    for (unsigned i = 0; i < STEP_COUNT; i++) {
-        plan->row_step = steps[i];
+    for (unsigned i = 0; i < (plan->frame.in_place ? 2 * STEP_COUNT : STEP_COUNT); i++) {
+        plan->row_step = steps[i % STEP_COUNT];
+        plan->strip_width = i < STEP_COUNT ? narrow : lull_max_u(plan->width, narrow);
         layout(plan);
         if (plan->bytes < least) {
             least = plan->bytes;
-            best = steps[i];
+            best_step = plan->row_step;
+            best_width = plan->strip_width;
         }
     }
-    plan->row_step = best;
+    plan->row_step = best_step;
+    plan->strip_width = best_width;
     layout(plan);
 }
 

@@ -1,0 +1,79 @@
+/* Memory limits: a frame runs in the least memory that is told, and not in less. */
+#define _POSIX_C_SOURCE 200809L
+#include <stdlib.h>
+
+#include "check.h"
+#include "lull.h"
+
+static const char *const networks[] = {
+    "weights/kernel5_32.tza", "tests/golden/kernel/weights.tza",
+    "tests/golden/int_unet_9_aux/weights.tza", "tests/golden/unet_9_mixed/weights.tza"};
+static const unsigned sizes[][2] = {{1, 1}, {33, 79}, {48, 1500}, {400, 40}, {700, 300}};
+
+static void *aligned(size_t bytes)
+{
+    void *p = NULL;
+    return posix_memalign(&p, LULL_ALIGN, bytes ? bytes : 1) ? NULL : p;
+}
+
+static lull_model *load_model(const char *path)
+{
+    static uint8_t data[1 << 20];
+    FILE *file = fopen(path, "rb");
+    lull_model *model = NULL;
+    size_t bytes, model_bytes;
+    if (!CHECK(file != NULL))
+        exit(1);
+    bytes = fread(data, 1, sizeof data, file);
+    fclose(file);
+    model_bytes = lull_model_size(data, bytes, LULL_PORTS_ALL);
+    CHECK_EQ(
+        lull_model_init(&model, aligned(model_bytes), model_bytes, data, bytes, LULL_PORTS_ALL),
+        LULL_OK);
+    return model;
+}
+
+/* Plans of a frame, in place and streamed or not: the least is no more than the usual one, is
+ * enough, and a byte less is too little. */
+static void check_least(const lull_model *model, unsigned width, unsigned height)
+{
+    for (unsigned variant = 0; variant < 8; variant++) {
+        lull_frame frame = lull_frame_default(width, height, LULL_HDR, 7);
+        lull_plan *plan;
+        size_t usual, least, limited;
+        int is_right;
+        frame.in_place = variant & 1;
+        frame.streamed = variant >> 1 & 1;
+        frame.threads = variant >> 2 ? 7 : 1;
+        usual = lull_plan_size(&frame, model);
+        least = lull_plan_minimum(&frame, model);
+        is_right = CHECK(usual > 0) & CHECK(least <= usual);
+        frame.max_bytes = least;
+        limited = lull_plan_size(&frame, model);
+        is_right &= CHECK(limited > 0 && limited <= least);
+        frame.max_bytes = least - 1;
+        is_right &= CHECK_EQ(lull_plan_size(&frame, model), 0);
+        is_right &= CHECK_EQ(lull_plan_init(&plan, NULL, 0, &frame, model), LULL_ERROR_MEMORY);
+        if (!is_right)
+            printf("  %ux%u, variant %u: %lu bytes at least, %lu usually, %lu within that\n", width,
+                   height, variant, (unsigned long)least, (unsigned long)usual,
+                   (unsigned long)limited);
+    }
+}
+
+static void least_memory_is_the_least(void)
+{
+    for (size_t n = 0; n < sizeof networks / sizeof networks[0]; n++) {
+        lull_model *model = load_model(networks[n]);
+        for (size_t i = 0; i < sizeof sizes / sizeof sizes[0]; i++)
+            check_least(model, sizes[i][0], sizes[i][1]);
+        free(model);
+    }
+}
+
+int main(int argc, char **argv)
+{
+    CHECK_MAIN(argc, argv);
+    RUN(least_memory_is_the_least);
+    return check_report();
+}
