@@ -92,11 +92,13 @@ unsigned lull_plan_aux_rows(const lull_plan *plan, unsigned l)
     return lull_max_u(lull_min_u(rows, plan->height), lull_plan_done(plan, LULL_TENSOR_ALBEDO));
 }
 
-/* Rows of layer l in a turn, after pooling. */
+/* Rows of layer l in a turn, after pooling: as many as a step brings, rounded up, lest a layer fall
+ * behind more with every step that is no multiple of its rows. */
 static unsigned turn_rows(const lull_plan *plan, unsigned l)
 {
     const lull_layer *layer = &plan->model->graph.layer[l];
-    unsigned turn = lull_max_u(plan->row_step >> (layer->level + layer->pool), 1);
+    unsigned shift = layer->level + layer->pool;
+    unsigned turn = (plan->row_step + (1u << shift) - 1) >> shift;
     return (unsigned)lull_align_up(turn, lull_plan_rows(plan, l));
 }
 

@@ -1,4 +1,4 @@
-/* Memory limits: a frame runs in the least memory that is told, and not in less. */
+/* Memory: a frame runs in the least that is told, and not in less; height makes no difference. */
 #define _POSIX_C_SOURCE 200809L
 #include <stdlib.h>
 
@@ -71,9 +71,41 @@ static void least_memory_is_the_least(void)
     }
 }
 
+/* Neither memory nor delay grow with the height, whatever the row step. */
+static void no_row_step_falls_behind(void)
+{
+    static const unsigned steps[] = {0, 1, 2, 3, 5, 6, 7, 8, 12, 15, 17, 24, 33, 48, 100};
+    for (size_t n = 0; n < sizeof networks / sizeof networks[0]; n++) {
+        lull_model *model = load_model(networks[n]);
+        for (size_t i = 0; i < 2 * (sizeof steps / sizeof steps[0]); i++) {
+            lull_frame low = lull_frame_default(100, 1600, LULL_HDR, 7), tall = low;
+            lull_plan_info info[2];
+            lull_plan *plan;
+            tall.height = 8000;
+            low.row_step = tall.row_step = steps[i / 2];
+            low.streamed = tall.streamed = i & 1;
+            for (unsigned j = 0; j < 2; j++) {
+                const lull_frame *frame = j ? &tall : &low;
+                size_t bytes = lull_plan_size(frame, model);
+                void *memory = aligned(bytes);
+                CHECK_EQ(lull_plan_init(&plan, memory, bytes, frame, model), LULL_OK);
+                lull_plan_get_info(plan, &info[j]);
+                free(memory);
+            }
+            if (!CHECK(info[1].bytes < info[0].bytes + info[0].bytes / 8) ||
+                !CHECK(info[1].delay_rows < info[0].delay_rows + 100))
+                printf("  %s, row step %u: %lu and %lu bytes, delays of %u and %u rows\n",
+                       networks[n], steps[i / 2], (unsigned long)info[0].bytes,
+                       (unsigned long)info[1].bytes, info[0].delay_rows, info[1].delay_rows);
+        }
+        free(model);
+    }
+}
+
 int main(int argc, char **argv)
 {
     CHECK_MAIN(argc, argv);
     RUN(least_memory_is_the_least);
+    RUN(no_row_step_falls_behind);
     return check_report();
 }
