@@ -240,7 +240,9 @@ $(BUILD)/tests.txt: FORCE
 
 # ---- Compiling -----------------------------------------------------------------------------------
 
-compile = $(CC) $(BASE_FLAGS) $(STRICT) $(FLAGS) $(CFLAGS) -MMD -MP -c -o $@ $<
+# A port's instruction set comes last: CFLAGS with another (-march=native, -mno-avx512f) are for the rest.
+ISA :=
+compile = $(CC) $(BASE_FLAGS) $(STRICT) $(FLAGS) $(CFLAGS) $(ISA) -MMD -MP -c -o $@ $<
 ifeq ($(V),1)
 say =
 else
@@ -248,7 +250,7 @@ say = @printf '  %-8s %s\n' $(1) $(patsubst $(BUILD)/%,%,$(2));
 endif
 
 $(BUILD)/obj/lib/%.o: FLAGS = $(CORE_FLAGS)
-$(BUILD)/obj/ports/%.o: FLAGS = $(CORE_FLAGS) $(KERNEL_FLAGS) -Ilib $(ISA)
+$(BUILD)/obj/ports/%.o: FLAGS = $(CORE_FLAGS) $(KERNEL_FLAGS) -Ilib
 $(BUILD)/obj/oidn/%.o: FLAGS = $(HOSTED_FLAGS) -DOpenImageDenoise_EXPORTS -Iweights -I$(BUILD)/gen
 $(BUILD)/obj/apps/%.o: FLAGS = $(HOSTED_FLAGS) $(STATIC_FLAGS) -Iapps -Iweights $(OPENEXR_CFLAGS) $(PNG_CFLAGS)
 $(BUILD)/obj/bench/%.o: FLAGS = $(HOSTED_FLAGS)

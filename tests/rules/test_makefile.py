@@ -1,0 +1,31 @@
+"""What the Makefile makes of settings that people give it."""
+
+from __future__ import annotations
+
+import os
+import platform
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from tests.rules.sources import CC, ROOT
+
+X86 = "gcc" if platform.machine() == "x86_64" else "x86_64-linux-gnu-gcc"
+
+
+@pytest.mark.parametrize(("compiler", "flags", "port"), [
+    (X86, "-mno-avx2 -mno-avx512f", "x86/port_avx2"),
+    (X86, "-march=x86-64 -mno-avx512f", "x86/port_avx512"),
+    ("aarch64-linux-gnu-gcc", "-march=armv8-a", "arm/port_dotprod"),
+    ("arm-linux-gnueabihf-gcc", "-march=armv7-a -mfpu=vfpv3-d16", "arm/port_neon")])
+def test_ports_have_their_instructions_under_any_cflags(compiler: str, flags: str, port: str,
+                                                        tmp_path: Path):
+    if not shutil.which(compiler):
+        pytest.skip(f"optional: {compiler} is not installed")
+    env = {k: v for k, v in os.environ.items() if k not in ("MAKEFLAGS", "MFLAGS", "CFLAGS")}
+    made = subprocess.run(["make", "-s", f"CC={compiler}", f"HOSTCC={CC}", f"CFLAGS={flags}",
+                           f"BUILD={tmp_path}", "SAN=", f"{tmp_path}/obj/ports/{port}.o"],
+                          cwd=ROOT, env=env, capture_output=True, text=True)
+    assert made.returncode == 0, made.stdout + made.stderr
