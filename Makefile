@@ -182,6 +182,7 @@ endif
 FACADE_OBJECTS := $(LIB_OBJECTS) $(OIDN_OBJECTS) $(OPENCL_OBJECTS) $(WEIGHTS_OBJECTS)
 
 EXE := $(if $(filter windows,$(SYSTEM)),.exe)
+IMPLIB :=
 LIBLULL := $(BUILD)/lib/liblull.a
 LIBOIDN := $(BUILD)/lib/libOpenImageDenoise.a
 ifeq ($(SYSTEM),darwin)
@@ -190,7 +191,8 @@ SOLINK := libOpenImageDenoise.dylib
 SOFLAGS := -dynamiclib -install_name @rpath/$(SONAME)
 else ifeq ($(SYSTEM),windows)
 SONAME := OpenImageDenoise.dll
-SOFLAGS := -shared -static-libgcc -Wl,--out-implib,$(BUILD)/lib/libOpenImageDenoise.dll.a
+IMPLIB := $(BUILD)/lib/libOpenImageDenoise.dll.a
+SOFLAGS := -shared -static-libgcc -Wl,--out-implib,$(IMPLIB)
 else
 SONAME := libOpenImageDenoise.so.2
 SOLINK := libOpenImageDenoise.so
@@ -445,7 +447,7 @@ install: all
 	    '$(DESTDIR)$(includedir)/OpenImageDenoise' '$(DESTDIR)$(cmakedir)' '$(DESTDIR)$(mandir)/man1'
 	$(INSTALL) -m 644 lib/lull.h '$(DESTDIR)$(includedir)'
 	$(INSTALL) -m 644 oidn/include/OpenImageDenoise/* '$(DESTDIR)$(includedir)/OpenImageDenoise'
-	$(INSTALL) -m 644 $(LIBLULL) $(LIBOIDN) '$(DESTDIR)$(libdir)'
+	$(INSTALL) -m 644 $(LIBLULL) $(LIBOIDN) $(IMPLIB) '$(DESTDIR)$(libdir)'
 	$(INSTALL) -m 755 $(BUILD)/lib/$(SONAME) '$(DESTDIR)$(libdir)'
 	$(if $(SOLINK),ln -sf $(SONAME) '$(DESTDIR)$(libdir)/$(SOLINK)')
 	$(if $(PROGRAMS),$(INSTALL) -m 755 $(PROGRAMS) '$(DESTDIR)$(bindir)')
@@ -460,7 +462,7 @@ taken = $(foreach f,$(2),'$(DESTDIR)$(1)/$(notdir $(f))')
 uninstall:
 	rm -f $(call taken,$(bindir),$(PROGRAMS)) $(call taken,$(includedir),lull.h) \
 	    $(call taken,$(includedir)/OpenImageDenoise,$(wildcard oidn/include/OpenImageDenoise/*)) \
-	    $(call taken,$(libdir),$(LIBLULL) $(LIBOIDN) $(SONAME) $(SOLINK)) \
+	    $(call taken,$(libdir),$(LIBLULL) $(LIBOIDN) $(IMPLIB) $(SONAME) $(SOLINK)) \
 	    $(call taken,$(libdir)/pkgconfig,$(patsubst %.in,%,$(filter %.pc.in,$(TEMPLATES)))) \
 	    $(call taken,$(cmakedir),$(patsubst %.in,%,$(filter %.cmake.in,$(TEMPLATES)))) \
 	    $(call taken,$(mandir)/man1,$(MAN_PAGES))

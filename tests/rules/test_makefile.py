@@ -29,3 +29,16 @@ def test_ports_have_their_instructions_under_any_cflags(compiler: str, flags: st
                            f"BUILD={tmp_path}", "SAN=", f"{tmp_path}/obj/ports/{port}.o"],
                           cwd=ROOT, env=env, capture_output=True, text=True)
     assert made.returncode == 0, made.stdout + made.stderr
+
+
+def test_windows_gets_its_import_library(tmp_path: Path):
+    """The CMake package names it; without it -lOpenImageDenoise means the static library."""
+    if not shutil.which("x86_64-w64-mingw32-gcc"):
+        pytest.skip("optional: x86_64-w64-mingw32-gcc is not installed")
+    env = {k: v for k, v in os.environ.items() if k not in ("MAKEFLAGS", "MFLAGS", "CFLAGS")}
+    for goal in ("install", "uninstall"):
+        said = subprocess.run(["make", "-n", goal, "CC=x86_64-w64-mingw32-gcc", f"HOSTCC={CC}",
+                               f"BUILD={tmp_path}", "SAN=", "prefix=/usr"],
+                              cwd=ROOT, env=env, capture_output=True, text=True, check=True).stdout
+        lines = [line for line in said.splitlines() if "OpenImageDenoise.dll.a" in line]
+        assert [line for line in lines if "install" in line or "/usr/lib" in line], goal
