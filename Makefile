@@ -151,8 +151,8 @@ DEFINES := -DLULL_WITH_OPENEXR=$(WITH_OPENEXR) -DLULL_WITH_PNG=$(WITH_PNG) \
            -DLULL_WITH_THREADS=$(WITH_THREADS) -DLULL_WITH_OPENCL=$(WITH_OPENCL) \
            $(foreach g,$(PORT_GROUPS),-DLULL_WITH_$(g)=$(if $(filter $(g),$(PORTS)),1,0))
 BASE_FLAGS = -std=c99 $(OPT) $(EXACT) $(WARNINGS) -fvisibility=hidden $(PIC) $(SAN_FLAGS) $(DEFINES)
-# lib/ and ports/ call nothing of libc but mem*: no stack protector, no _chk variants.
-CORE_FLAGS := -fno-stack-protector -U_FORTIFY_SOURCE $(if $(call takes,-fstack-usage),-fstack-usage)
+# lib/ and ports/ call nothing of libc but mem*: no stack protector, no _chk variants, no bcmp (clang).
+CORE_FLAGS := -fno-stack-protector -U_FORTIFY_SOURCE -fno-builtin-bcmp $(if $(call takes,-fstack-usage),-fstack-usage)
 # Kernels call nothing back, so that nothing is unwound through them: 30 kB of tables less.
 KERNEL_FLAGS := $(if $(SAN),,$(if $(call takes,-fno-asynchronous-unwind-tables),-fno-asynchronous-unwind-tables))
 HOSTED_FLAGS := -D_POSIX_C_SOURCE=200809L -D_FILE_OFFSET_BITS=64 -Ilib -Ioidn/include $(if $(filter 1,$(WITH_THREADS)),-pthread)

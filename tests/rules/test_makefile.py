@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import platform
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -42,3 +43,16 @@ def test_windows_gets_its_import_library(tmp_path: Path):
                               cwd=ROOT, env=env, capture_output=True, text=True, check=True).stdout
         lines = [line for line in said.splitlines() if "OpenImageDenoise.dll.a" in line]
         assert [line for line in lines if "install" in line or "/usr/lib" in line], goal
+
+
+def test_clang_calls_no_more_than_gcc(tmp_path: Path):
+    """It makes bcmp, which a host need not have, of a memcmp for equality."""
+    if not shutil.which("clang"):
+        pytest.skip("optional: clang is not installed")
+    env = {k: v for k, v in os.environ.items() if k not in ("MAKEFLAGS", "MFLAGS", "CFLAGS")}
+    made = tmp_path / "obj" / "lib" / "tza.o"
+    subprocess.run(["make", "-s", "CC=clang", f"HOSTCC={CC}", f"BUILD={tmp_path}", "SAN=", made],
+                   cwd=ROOT, env=env, check=True, stdout=subprocess.DEVNULL)
+    called = subprocess.run(["nm", "-u", made], capture_output=True, text=True, check=True).stdout
+    assert set(re.findall(r"U (mem\w+|bcmp)", called)) <= {"memcmp", "memcpy", "memset"}
+    assert "memcmp" in called
