@@ -79,9 +79,10 @@ void lull_exec_grain_sums(const lull_task *t, unsigned x, unsigned y, unsigned n
 /* Of cell `at` and those around it, by weights 1, 2, 1, first down. */
 LULL_NOINLINE static float sum_around(const float *const rows[3], size_t at)
 {
+    const float *above = rows[0] + at, *row = rows[1] + at, *below = rows[2] + at;
     float down[3];
-    for (size_t i = 0; i < 3; i++)
-        down[i] = (rows[0][at + i - 1] + rows[2][at + i - 1]) + 2.0f * rows[1][at + i - 1];
+    for (int i = -1; i <= 1; i++)
+        down[i + 1] = (above[i] + below[i]) + 2.0f * row[i];
     return (down[0] + down[2]) + 2.0f * down[1];
 }
 
