@@ -137,6 +137,14 @@ END
     try "cmake: shared runs" "$work/cmake/build/shared"
     try "cmake: static runs" "$work/cmake/build/static"
     mv "$work/moved" "$tree"
+    try "make install for a multiarch system" "${MAKE:-make}" -C "$root" --no-print-directory \
+        install BUILD="$build" prefix="$work/multi" libdir="$work/multi/lib/x86_64-linux-gnu"
+    mv "$work/multi" "$work/moved"
+    rm -r "$work/cmake/build"
+    try "cmake: finds a multiarch tree that was moved" cmake -S "$work/cmake" \
+        -B "$work/cmake/build" \
+        -DOpenImageDenoise_ROOT="$work/moved/lib/x86_64-linux-gnu/cmake/OpenImageDenoise-2.5.1"
+    rm -r "$work/moved"
 else
     skip cmake "optional: cmake is not installed"
 fi
