@@ -96,7 +96,7 @@ export class Denoiser {
   }
 
   #allocate(bytes) {
-    const at = this.#exports.allocate(bytes) >>> 0;
+    const at = bytes < 2 ** 32 && this.#exports.allocate(bytes) >>> 0;
     if (!at) throw new Error('lull: no memory');
     return at;
   }

@@ -86,6 +86,7 @@ const tests = {
     wrong({ width, height, color: color.subarray(3) }, /color has 15186 numbers/);
     wrong({ width: 0, height, color }, /whole numbers/);
     wrong({ width: 1.5, height, color }, /whole numbers/);
+    wrong({ width: 2 ** 16, height: 2 ** 16, color: { length: 3 * 2 ** 32 } }, /no memory/);
     wrong({ width, height, color, content: 'raw' }, /content is one of hdr, ldr/);
     wrong({ width, height, albedo, content: 'hdr' }, /argument/i);
     wrong({ width, height, color, onProgress: () => { throw new Error('mine'); } }, /mine/);
