@@ -385,6 +385,9 @@ conform: $(BUILD)/test/conform$(EXE) $(BUILD)/test/conform_emulated$(EXE)
 .PHONY: wasm
 WASM_CC ?= clang --target=wasm32-wasi
 wasm:
+	@echo 'int main(void) { return 0; }' | $(WASM_CC) -x c - -o /dev/null 2>/dev/null || { echo "make wasm: \
+	'$(WASM_CC)' makes no programs: install clang, wasm-ld and the C library of WASI (Debian: clang lld \
+	wasi-libc libclang-rt-dev-wasm32), or set WASM_CC" >&2; exit 2; }
 	@$(MAKE) --no-print-directory all CC='$(WASM_CC)' BUILD='$(BUILD)/wasm'
 
 # ---- Beside the real Open Image Denoise (Python package pyoidn) ----------------------------------
