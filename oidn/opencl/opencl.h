@@ -91,11 +91,17 @@ typedef struct lull_cl_schedule {
     lull_cl_tensor tensor[LULL_CL_TENSORS];
     struct {
         uint64_t bytes, before; /* of the whole tensor, and of what is before pixel (0, 0) */
+        uint64_t begin;         /* where it lies */
     } extent[LULL_CL_TENSORS];
 } lull_cl_schedule;
 
 /* Fills in what depends on the size. graph, weights and flags are set. */
 void lull_cl_schedule_make(lull_cl_schedule *schedule, unsigned width, unsigned height);
+
+/* The same for a tile that is no wider and no higher than the one that the schedule was made for,
+ * in its memory: tensors begin where they did. Placed anew, those of a smaller tile may take more
+ * memory, as they are put into the first gap where they fit. */
+void lull_cl_schedule_resize(lull_cl_schedule *schedule, unsigned width, unsigned height);
 
 /* The model for the kernels: its bytes, with the places in weights[], and the bytes themselves. */
 size_t lull_cl_layout(lull_cl_weights *weights, const lull_model *model);

@@ -24,7 +24,7 @@ struct lull_engine_plan {
 
 /* ---- Sizes ----------------------------------------------------------------------------------- */
 
-/* Bytes of tiles of that much output. */
+/* Bytes of tiles of that much output, for the largest of which the schedule is then made. */
 static uint64_t tile_bytes(lull_engine_plan *plan, unsigned width, unsigned height)
 {
     const unsigned overlap = 2 * plan->host.model->graph.margin;
@@ -461,9 +461,9 @@ static lull_status run_tile(run *r, unsigned x, unsigned y)
     r->end_x = lull_min_u(x + plan->tile_width, frame->width);
     r->left = x > margin ? x - margin : 0;
     r->top = y > margin ? y - margin : 0;
-    lull_cl_schedule_make(&plan->schedule,
-                          lull_min_u(x + plan->tile_width + margin, frame->width) - r->left,
-                          lull_min_u(y + plan->tile_height + margin, frame->height) - r->top);
+    lull_cl_schedule_resize(&plan->schedule,
+                            lull_min_u(x + plan->tile_width + margin, frame->width) - r->left,
+                            lull_min_u(y + plan->tile_height + margin, frame->height) - r->top);
     if (!load_images(r))
         return LULL_ERROR_UNSUPPORTED;
     status = run_steps(r);

@@ -103,7 +103,25 @@ static void find_place(place *p, uint64_t bytes, const place *others, unsigned c
     p->end = p->begin + bytes;
 }
 
-/* Gives every tensor its place. */
+/* The size of every tensor. */
+static void measure_tensors(lull_cl_schedule *s)
+{
+    unsigned t;
+
+    for (t = 0; t < LULL_CL_TENSORS; t++) {
+        const shape of = shape_of(s, t);
+        const size_t left = lull_align_up((size_t)of.border * of.pixel, LULL_CL_UNIT);
+        const size_t row = (size_t)(of.width + of.border) * of.pixel;
+        const size_t pitch = of.border ? lull_align_up(left + row, LULL_CL_UNIT) : row;
+
+        s->extent[t].bytes = (uint64_t)pitch * (uint64_t)(of.height + 2 * of.border);
+        s->extent[t].before = (uint64_t)of.border * pitch + left;
+        s->tensor[t].pitch = (uint32_t)pitch;
+        s->tensor[t].pixel = of.pixel;
+    }
+}
+
+/* Gives every tensor that is used its place. */
 static void place_tensors(lull_cl_schedule *s)
 {
     place places[LULL_CL_TENSORS];
@@ -111,22 +129,14 @@ static void place_tensors(lull_cl_schedule *s)
 
     s->bytes = LULL_CL_UNIT;
     for (t = 0; t < LULL_CL_TENSORS; t++) {
-        const shape of = shape_of(s, t);
-        const size_t left = lull_align_up((size_t)of.border * of.pixel, LULL_CL_UNIT);
-        const size_t row = (size_t)(of.width + of.border) * of.pixel;
-        const size_t pitch = of.border ? lull_align_up(left + row, LULL_CL_UNIT) : row;
         place *p = &places[count];
 
         find_life(s, t, &p->first, &p->last);
         if (p->first > s->steps)
             continue;
-        s->extent[t].bytes = (uint64_t)pitch * (uint64_t)(of.height + 2 * of.border);
-        s->extent[t].before = (uint64_t)of.border * pitch + left;
         find_place(p, (s->extent[t].bytes + LULL_CL_UNIT - 1) / LULL_CL_UNIT * LULL_CL_UNIT, places,
                    count++);
-        s->tensor[t].at = (uint32_t)((p->begin + s->extent[t].before) / LULL_CL_UNIT);
-        s->tensor[t].pitch = (uint32_t)pitch;
-        s->tensor[t].pixel = of.pixel;
+        s->extent[t].begin = p->begin;
         s->bytes = p->end > s->bytes ? p->end : s->bytes;
     }
 }
@@ -389,10 +399,11 @@ static void add_output(lull_cl_schedule *s)
     step->args.filter.flags |= mixes ? LULL_CL_NOISE : 0;
 }
 
-void lull_cl_schedule_make(lull_cl_schedule *s, unsigned width, unsigned height)
+/* Steps and sizes of tensors. */
+static void make_steps(lull_cl_schedule *s, unsigned width, unsigned height)
 {
     const lull_graph *graph = s->graph;
-    unsigned l, i, k;
+    unsigned l;
 
     s->width = (int32_t)width;
     s->height = (int32_t)height;
@@ -406,7 +417,16 @@ void lull_cl_schedule_make(lull_cl_schedule *s, unsigned width, unsigned height)
             add_conv(s, l);
     if (graph->family == LULL_FAMILY_K)
         add_output(s);
-    place_tensors(s);
+    measure_tensors(s);
+}
+
+/* Tells the kernels where their tensors are. */
+static void link_steps(lull_cl_schedule *s)
+{
+    unsigned i, k, t;
+
+    for (t = 0; t < LULL_CL_TENSORS; t++)
+        s->tensor[t].at = (uint32_t)((s->extent[t].begin + s->extent[t].before) / LULL_CL_UNIT);
     for (i = 0; i < s->steps; i++) {
         lull_cl_step *step = &s->step[i];
         const int is_conv = step->kernel == LULL_CL_conv;
@@ -417,6 +437,19 @@ void lull_cl_schedule_make(lull_cl_schedule *s, unsigned width, unsigned height)
             if (step->source[k] != CL_NONE)
                 sources[k] = s->tensor[step->source[k]];
     }
+}
+
+void lull_cl_schedule_make(lull_cl_schedule *s, unsigned width, unsigned height)
+{
+    make_steps(s, width, height);
+    place_tensors(s);
+    link_steps(s);
+}
+
+void lull_cl_schedule_resize(lull_cl_schedule *s, unsigned width, unsigned height)
+{
+    make_steps(s, width, height);
+    link_steps(s);
 }
 
 /* ---- Weights --------------------------------------------------------------------------------- */

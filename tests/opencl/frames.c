@@ -314,6 +314,21 @@ static void tiles_change_nothing(void)
     }
 }
 
+/* A frame of 4 by 3 tiles, of which those at the edges take more memory than the others, were their
+ * tensors put elsewhere. */
+static void smaller_tiles_fit(void)
+{
+    float *images[3];
+    frame f;
+
+    NEED_OPENCL();
+    f = frame_of((const size_t[]){848, 688}, images);
+    f.quality = OIDN_QUALITY_BALANCED;
+    f.features = 1;
+    check_tiles(&f, images, 47, calls_of(f, images));
+    free_images(images);
+}
+
 static void too_little_memory(void)
 {
     enum { W = 200, H = 150 };
@@ -537,6 +552,7 @@ int main(int argc, char **argv)
     RUN(all_last_steps);
     RUN(odd_values);
     RUN(tiles_change_nothing);
+    RUN(smaller_tiles_fit);
     RUN(too_little_memory);
     RUN(formats_and_strides);
     RUN(in_place);
