@@ -157,16 +157,22 @@ static bool choose_device(lull_opencl *cl, lull_fault *fault)
 
 /* ---- The program ----------------------------------------------------------------------------- */
 
-/* Says what the compiler says, as far as there is room. */
+/* Says what the compiler says, as far as there is room. It gives that as a whole or not at all. */
 static bool fail_build(lull_opencl *cl, int32_t error, lull_fault *fault)
 {
-    char log[LULL_FAULT_TEXT] = "";
+    size_t bytes = 0;
+    char *log;
 
-    cl->api.clGetProgramBuildInfo(cl->program, cl->device, CL_PROGRAM_BUILD_LOG, sizeof log - 1,
-                                  log, NULL);
-    return lull_fail(fault, OIDN_ERROR_UNSUPPORTED_HARDWARE,
-                     "the OpenCL device %s cannot compile the kernels (error %d): %s", cl->name,
-                     (int)error, log);
+    cl->api.clGetProgramBuildInfo(cl->program, cl->device, CL_PROGRAM_BUILD_LOG, 0, NULL, &bytes);
+    log = lull_os_alloc_zero(bytes + 1);
+    if (log)
+        cl->api.clGetProgramBuildInfo(cl->program, cl->device, CL_PROGRAM_BUILD_LOG, bytes, log,
+                                      NULL);
+    lull_fail(fault, OIDN_ERROR_UNSUPPORTED_HARDWARE,
+              "the OpenCL device %s cannot compile the kernels (error %d): %s", cl->name,
+              (int)error, log ? log : "");
+    lull_os_free(log);
+    return false;
 }
 
 /* Context, queue, program and kernels. */
