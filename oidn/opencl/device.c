@@ -30,14 +30,32 @@ bool lull_cl_check(lull_fault *fault, int32_t error, const char *what)
                      "OpenCL: %s failed (error %d)", what, (int)error);
 }
 
+bool lull_cl_check_process(const lull_opencl *cl, lull_fault *fault)
+{
+    return cl->process == lull_process_id() ||
+           lull_fail(fault, OIDN_ERROR_INVALID_OPERATION,
+                     "an OpenCL device does not outlive a fork");
+}
+
 /* ---- The library ----------------------------------------------------------------------------- */
+
+/* The process that first asked for a device: drivers start threads then, which a forked child does
+ * not have and would wait for. */
+static lull_atomic first_process;
 
 static bool load_library(lull_cl_api *api, lull_fault *fault)
 {
+    const uint32_t process = (uint32_t)lull_process_id();
     const char *name = lull_env_is_set("LULL_OPENCL_LIBRARY") ? getenv("LULL_OPENCL_LIBRARY")
                                                               : LIBRARY;
-    void *library = lull_library_open(name);
+    const uint32_t first = lull_atomic_load(&first_process);
+    void *library;
 
+    if (first && first != process)
+        return lull_fail(fault, OIDN_ERROR_UNSUPPORTED_HARDWARE,
+                         "no OpenCL device: its driver was loaded before a fork, which it does not "
+                         "outlive");
+    library = lull_library_open(name);
     if (!library)
         return lull_fail(fault, OIDN_ERROR_UNSUPPORTED_HARDWARE,
                          "no OpenCL device: the library %s cannot be loaded", name);
@@ -47,6 +65,7 @@ static bool load_library(lull_cl_api *api, lull_fault *fault)
                          "no OpenCL device: the library %s has no function %s", name, #function);
     LULL_CL_FUNCTIONS(FIND)
 #undef FIND
+    lull_atomic_store(&first_process, process);
     return true;
 }
 
@@ -238,6 +257,8 @@ static bool build(lull_engine *engine, lull_fault *fault)
 {
     lull_opencl *cl = (lull_opencl *)engine;
 
+    if (!lull_cl_check_process(cl, fault))
+        return false;
     release(cl); /* of a commit that failed */
     return make_kernels(cl, fault) && lull_cl_probe_device(cl, fault);
 }

@@ -40,6 +40,9 @@ typedef struct lull_opencl {
 /* Error of an OpenCL function; returns whether there is none. */
 bool lull_cl_check(lull_fault *fault, int32_t error, const char *what);
 
+/* False and a fault in a forked child of the process that opened the device. */
+bool lull_cl_check_process(const lull_opencl *cl, lull_fault *fault);
+
 /* False and a fault if the device, whose program is built, gives other bits than it should
  * (probe.c). */
 bool lull_cl_probe_device(lull_opencl *cl, lull_fault *fault);

@@ -184,7 +184,8 @@ lull_engine_plan *lull_cl_plan_new(lull_engine *engine, const lull_frame *frame,
     if (!frame->width || !frame->height) /* never run */
         return plan;
     model_bytes = lull_cl_layout(plan->weights, model);
-    if (choose_tiles(plan, model_bytes, fault) && make_memory(plan, model_bytes, fault))
+    if (lull_cl_check_process(plan->cl, fault) && choose_tiles(plan, model_bytes, fault) &&
+        make_memory(plan, model_bytes, fault))
         return plan;
     lull_cl_plan_free(plan);
     return NULL;
@@ -480,11 +481,8 @@ lull_status lull_cl_run(lull_engine_plan *plan, const lull_images *images, const
     lull_status status;
     unsigned x, y;
 
-    if (plan->cl->process != lull_process_id()) {
-        lull_fail(fault, OIDN_ERROR_INVALID_OPERATION,
-                  "an OpenCL device does not outlive a fork: make a new one");
+    if (!lull_cl_check_process(plan->cl, fault))
         return LULL_ERROR_UNSUPPORTED;
-    }
     r.plan = plan;
     r.images = &known;
     r.host = host;
