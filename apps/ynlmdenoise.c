@@ -270,8 +270,8 @@ int main(int argc, char **argv)
     }
     if (!s.files[IMAGE_COLOR] || !s.output)
         return report_error(EXIT_USAGE, "--input-image and --output-image are needed");
-    if (!(s.strength > 0))
-        return report_error(EXIT_USAGE, "the strength must be above 0");
+    if (!(s.strength > 0 && s.strength <= 1000)) /* as lull_nlm_check */
+        return report_error(EXIT_USAGE, "the strength must be above 0, and at most 1000");
     if (image_check_writable(s.output, &error))
         return report_error(EXIT_OUTPUT, "cannot write '%s': %s", s.output, error.text);
     return run(&s);

@@ -78,6 +78,7 @@ def test_errors(nlm, frame, work):
     t.write_pfm(work / "small.pfm", t.noise(8, 8))
     assert nlm().code == 1 and nlm("--help").code == 1 and nlm("-i", "color.pfm").code == 1
     assert nlm(*FILES, "-k", 0).code == 1 and nlm(*FILES, "-k", "x").code == 1
+    assert nlm(*FILES, "-k", 1000).code == 0 and nlm(*FILES, "-k", 1001).code == 1
     assert nlm("-i", "none.pfm", "-o", "out.pfm").code == 2
     assert nlm("-i", "color.pfm", "-o", "out.pfm", "-a", "small.pfm").code == 2
     assert nlm("-i", "color.pfm", "-o", "none/out.pfm").code == 4
