@@ -30,7 +30,7 @@ export class Denoiser {
     const code = await module;
     const compiled = code instanceof WebAssembly.Module
       ? code : await WebAssembly.compile(await bytesOf(code));
-    const progress = (fraction) => (self.#progress?.(fraction) === false ? 0 : 1);
+    const progress = (fraction) => Number(self.#progress(fraction));
     const instance = await WebAssembly.instantiate(compiled, { lull: { progress } });
     self.#exports = instance.exports;
     const file = await bytesOf(weights);
@@ -56,7 +56,7 @@ export class Denoiser {
    * content         of the main image: 'hdr' (linear radiance, the default of colors), 'ldr' (linear,
    *                 at most 1, the default of others), 'srgb', 'lightmap_hdr', 'lightmap_dir'
    * inputScale      brings radiance to the range the network knows; measured where not given
-   * onProgress      is told the fraction done; returns false to cancel
+   * onProgress      is told the fraction done; cancels by returning false, or by an error
    *
    * Throws an Error: arrays of another size, features that the weights do not know, no memory,
    * cancelled (its `cancelled` is true).
@@ -86,12 +86,19 @@ export class Denoiser {
       this.#exports.set_image(FEATURES[name], at);
       return at;
     });
-    this.#progress = onProgress;
-    try {
-      this.#check(this.#exports.run(inputScale));
-    } finally {
-      this.#progress = null;
-    }
+    const thrown = [];
+    this.#progress = (fraction) => {
+      try {
+        return onProgress?.(fraction) !== false;
+      } catch (error) { // must not pass the module: its stack would stay in use
+        thrown.push(error);
+        return false;
+      }
+    };
+    const status = this.#exports.run(inputScale);
+    this.#progress = null;
+    if (thrown.length) throw thrown[0];
+    this.#check(status);
     return new Float32Array(this.#exports.memory.buffer, places[0], 3 * pixels).slice();
   }
 

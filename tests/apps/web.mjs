@@ -95,6 +95,15 @@ const tests = {
     await assert.rejects(Denoiser.load(module, new Uint8Array(100)), /weights/i);
     await assert.rejects(Denoiser.load(new Uint8Array(8), weights), WebAssembly.CompileError);
   },
+  async 'what a progress function throws takes no memory from the module'() {
+    const lull = await load();
+    const wanted = Buffer.from(lull.denoise({ width, height, color }).buffer);
+    const mine = new Error('mine');
+    const onProgress = () => { throw mine; };
+    for (let i = 0; i < 400; i++)
+      assert.throws(() => lull.denoise({ width, height, color, onProgress }), mine);
+    same(lull.denoise({ width, height, color }), wanted);
+  },
   async 'modules, promises and responses are taken'() {
     const compiled = await WebAssembly.compile(module);
     const lull = await Denoiser.load(compiled, Promise.resolve(new Response(weights)));
