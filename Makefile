@@ -441,7 +441,8 @@ FILL = sed -e 's|@PREFIX@|$(prefix)|g' -e 's|@INCLUDEDIR@|$(includedir)|g' \
        -e 's|^\([a-z]*dir\)=$(prefix)/|\1=$${prefix}/|' \
        -e 's|@OIDN_VERSION@|$(OIDN_VERSION)|g' -e 's|@LULL_VERSION@|$(LULL_VERSION)|g' \
        -e 's|@SONAME@|$(SONAME)|g' -e 's|@THREAD_LIBS@|$(THREAD_LIBS)|g'
-TEMPLATES := $(wildcard oidn/packaging/*.in)
+# CMake's package is of the shared library.
+TEMPLATES := $(wildcard oidn/packaging/*.pc.in $(if $(SHARED),oidn/packaging/*.cmake.in))
 MAN_PAGES := $(wildcard apps/man/*.1)
 
 .PHONY: install uninstall
@@ -451,8 +452,8 @@ install: all
 	$(INSTALL) -m 644 lib/lull.h '$(DESTDIR)$(includedir)'
 	$(INSTALL) -m 644 oidn/include/OpenImageDenoise/* '$(DESTDIR)$(includedir)/OpenImageDenoise'
 	$(INSTALL) -m 644 $(LIBLULL) $(LIBOIDN) $(IMPLIB) '$(DESTDIR)$(libdir)'
-	$(INSTALL) -m 755 $(BUILD)/lib/$(SONAME) '$(DESTDIR)$(libdir)'
-	$(if $(SOLINK),ln -sf $(SONAME) '$(DESTDIR)$(libdir)/$(SOLINK)')
+	$(if $(SHARED),$(INSTALL) -m 755 $(BUILD)/lib/$(SONAME) '$(DESTDIR)$(libdir)')
+	$(if $(filter %/$(SOLINK),$(SHARED)),ln -sf $(SONAME) '$(DESTDIR)$(libdir)/$(SOLINK)')
 	$(if $(PROGRAMS),$(INSTALL) -m 755 $(PROGRAMS) '$(DESTDIR)$(bindir)')
 	set -e; for t in $(TEMPLATES); do \
 	    name=$$(basename $$t .in); \

@@ -45,6 +45,17 @@ def test_windows_gets_its_import_library(tmp_path: Path):
         assert [line for line in lines if "install" in line or "/usr/lib" in line], goal
 
 
+def test_wasm_is_installed_without_a_shared_library(tmp_path: Path):
+    if not shutil.which("clang"):
+        pytest.skip("optional: clang is not installed")
+    env = {k: v for k, v in os.environ.items() if k not in ("MAKEFLAGS", "MFLAGS", "CFLAGS")}
+    said = subprocess.run(["make", "-n", "install", "CC=clang --target=wasm32-wasi",
+                           f"HOSTCC={CC}", f"BUILD={tmp_path}", "SAN=", "prefix=/usr"],
+                          cwd=ROOT, env=env, capture_output=True, text=True, check=True).stdout
+    assert re.search(r"^install .*libOpenImageDenoise\.a", said, re.MULTILINE)
+    assert not re.search(r"^(install|ln) .*\.so|\.cmake\.in", said, re.MULTILINE)
+
+
 def test_clang_calls_no_more_than_gcc(tmp_path: Path):
     """It makes bcmp, which a host need not have, of a memcmp for equality."""
     if not shutil.which("clang"):
