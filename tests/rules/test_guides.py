@@ -1,5 +1,5 @@
-"""What the guides in docs/ say is so: the program of embedding.md compiles and runs, findings that
-input.md names are the doctor's, and links lead somewhere."""
+"""What the guides in docs/ say is so: the program of embedding.md compiles and runs, and findings
+that input.md names are the doctor's."""
 
 from __future__ import annotations
 
@@ -34,12 +34,3 @@ def test_findings_of_the_input_guide():
     kinds = set(re.findall(r'"([a-z-]+)"', (ROOT / "apps" / "doctor.c").read_text()))
     assert len(named) > 3
     assert not named - kinds
-
-
-@pytest.mark.parametrize("guide", ["README.md", "docs/embedding.md", "docs/input.md",
-                                   "docs/design.md"])
-def test_links_lead_somewhere(guide: str):
-    text = (ROOT / guide).read_text()
-    links = re.findall(r"\]\(([\w./-]+)\)", text)
-    assert links
-    assert not [link for link in links if not ((ROOT / guide).parent / link).exists()]
