@@ -52,9 +52,10 @@ def hold(library: Path, isa: int) -> None:
 def milliseconds(program: Path, quality: str, args: argparse.Namespace, env: dict[str, str],
                  frames: int) -> float:
     """Of one frame."""
-    text = subprocess.run([program, "-r", f"RT.hdr_alb_nrm.{args.size}", "-q", quality, "-n",
-                           str(frames), "--threads", str(args.threads), "-v", "2"], text=True,
-                          capture_output=True, check=True, env=os.environ | env).stdout
+    text = subprocess.run([program, "-r", f"RT.hdr_alb_nrm.{args.size}", "-s",
+                           *args.size.split("x"), "-q", quality, "-n", str(frames), "--threads",
+                           str(args.threads), "-v", "2"], text=True, capture_output=True,
+                          check=True, env=os.environ | env).stdout
     name = ISAS[args.isa][1]
     if "LD_LIBRARY_PATH" in env and not re.search(rf"ISA\s*: {re.escape(name)}$", text, re.M):
         raise oidn.PeerError(f"{program} does not say that it uses {name}")
