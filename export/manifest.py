@@ -103,6 +103,8 @@ def add(folder: Path, row: dict[str, str]) -> None:
     for field in FIELDS:
         if "\t" in row[field] or len(f"{row[field]}|".splitlines()) > 1:
             raise ToolError(f"--{field}: tabs and line breaks end a field", USAGE)
+        if not row[field].strip():
+            raise ToolError(f"--{field}: says nothing", USAGE)
     path = folder / "MANIFEST"
     rows = [r for r in (read(path) if path.exists() else []) if r["file"] != row["file"]]
     rows = sorted([*rows, row], key=lambda r: r["file"])

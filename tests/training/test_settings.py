@@ -242,7 +242,8 @@ def test_rows_of_a_manifest(tmp_path, fails, monkeypatch):
                               (add("b.tza"), 4, "b.tza: too short"), (add("k.tza"), 4, "k.tza: "),
                               (add("a.tza", data="two\nlines"), 2, "--data: tabs and line"),
                               (add("a.tza", scores="1\t2"), 2, "--scores: "),
-                              (add("a.tza", net="ends\n"), 2, "--net: ")):
+                              (add("a.tza", net="ends\n"), 2, "--net: "),
+                              (add("a.tza", data=""), 2, "--data: says nothing")):
         got, message = fails(manifest.main, wrong)
         assert got == code and text in message
         assert not (tmp_path / "MANIFEST").exists()
