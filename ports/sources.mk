@@ -10,6 +10,7 @@
 PORT_GROUPS := SCALAR SSE41 AVX2 AVX512 AVXVNNI VNNI AMX NEON DOTPROD I8MM SIMD128
 
 PORT_SCALAR_ARCH := any
+# On x86 only CPUs before SSE4.1 run it: a third of the code of -O3.
 PORT_SCALAR_FLAGS_x86 := -O2
 PORT_SCALAR_SOURCES := ports/scalar/port_scalar.c ports/scalar/conv_f32_scalar.c \
                        ports/scalar/conv_int_scalar.c ports/scalar/pool_scalar.c ports/scalar/filter5_scalar.c \
