@@ -115,12 +115,6 @@ LULL_INLINE void tile(const lull_conv *conv, unsigned first, unsigned p, unsigne
     }
 }
 
-#define TILE(vectors, pixels)                                                                     \
-    static void tile_##vectors##x##pixels(const lull_conv *conv, unsigned first, unsigned p,      \
-                                          unsigned n)                                             \
-    {                                                                                             \
-        tile(conv, first, p, n, vectors, pixels);                                                 \
-    }
 TILE(2, 2)
 TILE(2, 1)
 TILE(1, 4)

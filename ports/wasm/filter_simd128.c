@@ -9,30 +9,11 @@ typedef v128_t vec;
 typedef v128_t ivec;
 
 LULL_INLINE vec set(float v) { return wasm_f32x4_splat(v); }
-/* Parts of vectors, at the end of rows, are not worth a copy of their code at every use. */
-static LULL_NOINLINE vec load_part(const float *p, unsigned n)
-{
-    float part[LANES] = {0};
-    memcpy(part, p, n * sizeof *p);
-    return wasm_v128_load(part);
-}
-static LULL_NOINLINE void store_part(float *p, vec v, unsigned n)
-{
-    float part[LANES];
-    wasm_v128_store(part, v);
-    memcpy(p, part, n * sizeof *p);
-}
-LULL_INLINE vec load_n(const float *p, unsigned n)
-{
-    return n == LANES ? wasm_v128_load(p) : load_part(p, n);
-}
-LULL_INLINE void store_n(float *p, vec v, unsigned n)
-{
-    if (n == LANES)
-        wasm_v128_store(p, v);
-    else
-        store_part(p, v, n);
-}
+LULL_INLINE vec load(const float *p) { return wasm_v128_load(p); }
+LULL_INLINE void store(float *p, vec v) { wasm_v128_store(p, v); }
+
+#include "../parts_rows.h"
+
 LULL_INLINE vec add(vec a, vec b) { return wasm_f32x4_add(a, b); }
 LULL_INLINE vec sub(vec a, vec b) { return wasm_f32x4_sub(a, b); }
 LULL_INLINE vec mul(vec a, vec b) { return wasm_f32x4_mul(a, b); }
@@ -59,11 +40,6 @@ LULL_INLINE ivec or_int(ivec a, ivec b) { return wasm_v128_or(a, b); }
 #define shift_right(v, n) wasm_u32x4_shr(v, n)
 #define shift_sign(v, n) wasm_i32x4_shr(v, n)
 LULL_INLINE vec is_number(vec v) { return wasm_v128_and(v, wasm_f32x4_eq(v, v)); }
-
-static LULL_NOINLINE const float *copy_pixels(float *to, const float *from, unsigned n)
-{
-    return (const float *)memcpy(to, from, 3 * n * sizeof *to);
-}
 
 LULL_INLINE void split(const float *p, unsigned n, vec *a, vec *b, vec *c)
 {

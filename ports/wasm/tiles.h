@@ -34,4 +34,12 @@ LULL_INLINE void run_tiles(const lull_conv *conv, const tile_shape *shapes)
     }
 }
 
+/* The tile function of a shape: `tile` of the including file with constant bounds. */
+#define TILE(vectors, pixels)                                                                     \
+    static void tile_##vectors##x##pixels(const lull_conv *conv, unsigned first, unsigned p,      \
+                                          unsigned n)                                             \
+    {                                                                                             \
+        tile(conv, first, p, n, vectors, pixels);                                                 \
+    }
+
 #endif

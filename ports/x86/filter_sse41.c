@@ -7,30 +7,11 @@ typedef __m128 vec;
 typedef __m128i ivec;
 
 LULL_INLINE vec set(float v) { return _mm_set1_ps(v); }
-/* Parts of vectors, at the end of rows, are not worth a copy of their code at every use. */
-static LULL_NOINLINE vec load_part(const float *p, unsigned n)
-{
-    float part[LANES] = {0};
-    memcpy(part, p, n * sizeof *p);
-    return _mm_loadu_ps(part);
-}
-static LULL_NOINLINE void store_part(float *p, vec v, unsigned n)
-{
-    float part[LANES];
-    _mm_storeu_ps(part, v);
-    memcpy(p, part, n * sizeof *p);
-}
-LULL_INLINE vec load_n(const float *p, unsigned n)
-{
-    return n == LANES ? _mm_loadu_ps(p) : load_part(p, n);
-}
-LULL_INLINE void store_n(float *p, vec v, unsigned n)
-{
-    if (n == LANES)
-        _mm_storeu_ps(p, v);
-    else
-        store_part(p, v, n);
-}
+LULL_INLINE vec load(const float *p) { return _mm_loadu_ps(p); }
+LULL_INLINE void store(float *p, vec v) { _mm_storeu_ps(p, v); }
+
+#include "../parts_rows.h"
+
 LULL_INLINE vec add(vec a, vec b) { return _mm_add_ps(a, b); }
 LULL_INLINE vec sub(vec a, vec b) { return _mm_sub_ps(a, b); }
 LULL_INLINE vec mul(vec a, vec b) { return _mm_mul_ps(a, b); }
@@ -56,11 +37,6 @@ LULL_INLINE ivec or_int(ivec a, ivec b) { return _mm_or_si128(a, b); }
 #define shift_right(v, n) _mm_srli_epi32(v, n)
 #define shift_sign(v, n) _mm_srai_epi32(v, n)
 LULL_INLINE vec is_number(vec v) { return _mm_and_ps(v, _mm_cmpord_ps(v, v)); }
-
-static LULL_NOINLINE const float *copy_pixels(float *to, const float *from, unsigned n)
-{
-    return (const float *)memcpy(to, from, 3 * n * sizeof *to);
-}
 
 LULL_INLINE void split(const float *p, unsigned n, vec *a, vec *b, vec *c)
 {
