@@ -4,19 +4,12 @@
 #include <math.h>
 #include <stdlib.h>
 
-#include "check.h"
-#include "lull.h"
+#include "models.h"
 
 #define FOLDER "tests/golden/kernel/"
 #define WIDTH 45
 #define HEIGHT 37
 #define VALUES ((size_t)WIDTH * HEIGHT * 3)
-
-static void *aligned(size_t bytes)
-{
-    void *p = NULL;
-    return posix_memalign(&p, LULL_ALIGN, bytes ? bytes : 1) ? NULL : p;
-}
 
 static void *read_file(const char *name, size_t *bytes)
 {

@@ -2,36 +2,12 @@
 #define _POSIX_C_SOURCE 200809L
 #include <stdlib.h>
 
-#include "check.h"
-#include "lull.h"
+#include "models.h"
 
 static const char *const networks[] = {
     "weights/kernel5_32.tza", "tests/golden/kernel/weights.tza",
     "tests/golden/int_unet_9_aux/weights.tza", "tests/golden/unet_9_mixed/weights.tza"};
 static const unsigned sizes[][2] = {{1, 1}, {33, 79}, {48, 1500}, {400, 40}, {700, 300}};
-
-static void *aligned(size_t bytes)
-{
-    void *p = NULL;
-    return posix_memalign(&p, LULL_ALIGN, bytes ? bytes : 1) ? NULL : p;
-}
-
-static lull_model *load_model(const char *path)
-{
-    static uint8_t data[1 << 20];
-    FILE *file = fopen(path, "rb");
-    lull_model *model = NULL;
-    size_t bytes, model_bytes;
-    if (!CHECK(file != NULL))
-        exit(1);
-    bytes = fread(data, 1, sizeof data, file);
-    fclose(file);
-    model_bytes = lull_model_size(data, bytes, LULL_PORTS_ALL);
-    CHECK_EQ(
-        lull_model_init(&model, aligned(model_bytes), model_bytes, data, bytes, LULL_PORTS_ALL),
-        LULL_OK);
-    return model;
-}
 
 /* Plans of a frame, in place and streamed or not: the least is no more than the usual one, is
  * enough, and a byte less is too little. */

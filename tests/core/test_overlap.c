@@ -3,8 +3,7 @@
 #include <math.h>
 #include <stdlib.h>
 
-#include "check.h"
-#include "lull.h"
+#include "models.h"
 
 #define WEIGHTS "tests/golden/unet_3_eights/weights.tza"
 #define ROOM 60000 /* bytes that any of the cases has its pixels in */
@@ -41,29 +40,6 @@ static const overlap_case cases[] = {
     {"the last column is the first", 0, ROW - 12, 0, 0, 2 * ROW, LULL_F32, NEVER},
     {"side by side, pixels by turns", 24 * W, 5 * 999 + 12, 24, 24, 999, LULL_F32, ALWAYS},
 };
-
-static void *aligned(size_t bytes)
-{
-    void *p = NULL;
-    return posix_memalign(&p, LULL_ALIGN, bytes) ? NULL : p;
-}
-
-static lull_model *load_model(void)
-{
-    static uint8_t data[1 << 20];
-    FILE *file = fopen(WEIGHTS, "rb");
-    lull_model *model = NULL;
-    size_t bytes, model_bytes;
-    if (!CHECK(file != NULL))
-        exit(1);
-    bytes = fread(data, 1, sizeof data, file);
-    fclose(file);
-    model_bytes = lull_model_size(data, bytes, LULL_PORTS_ALL);
-    CHECK_EQ(
-        lull_model_init(&model, aligned(model_bytes), model_bytes, data, bytes, LULL_PORTS_ALL),
-        LULL_OK);
-    return model;
-}
 
 /* Moves the pixels of a tight picture to where a case has them, or back. */
 static void move_pixels(uint8_t *memory, uint8_t *tight, size_t pixel, size_t stride, size_t row,
@@ -128,7 +104,7 @@ static void check_case(const overlap_case *c, const lull_model *model, float *pi
 static void overlap_is_in_place_or_refused(void)
 {
     static float picture[3 * PIXELS];
-    lull_model *model = load_model();
+    lull_model *model = load_model(WEIGHTS);
     for (unsigned i = 0; i < 3 * PIXELS; i++)
         picture[i] = (float)(i * 2654435761u >> 7 & 1023u) / 512.0f;
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++)

@@ -4,36 +4,12 @@
 #include <pthread.h>
 #include <stdlib.h>
 
-#include "check.h"
-#include "lull.h"
+#include "models.h"
 
 #define WEIGHTS "tests/golden/unet_9_mixed/weights.tza"
 #define AUX_WEIGHTS "tests/golden/int_unet_9_aux/weights.tza"
 #define COLOR_WEIGHTS "tests/golden/unet_3_eights/weights.tza"
 #define ALL_FEATURES (LULL_HAS_COLOR | LULL_HAS_ALBEDO | LULL_HAS_NORMAL)
-
-static void *aligned(size_t bytes)
-{
-    void *p = NULL;
-    return posix_memalign(&p, LULL_ALIGN, bytes ? bytes : 1) ? NULL : p;
-}
-
-static lull_model *load_model(const char *path)
-{
-    FILE *file = fopen(path, "rb");
-    lull_model *model = NULL;
-    size_t bytes, model_bytes;
-    void *data = malloc(1 << 20), *memory;
-    if (!CHECK(file != NULL))
-        exit(1);
-    bytes = fread(data, 1, 1 << 20, file);
-    fclose(file);
-    model_bytes = lull_model_size(data, bytes, LULL_PORTS_ALL);
-    memory = aligned(model_bytes);
-    CHECK_EQ(lull_model_init(&model, memory, model_bytes, data, bytes, LULL_PORTS_ALL), LULL_OK);
-    free(data);
-    return model;
-}
 
 /* A frame's images: noise with some NaN, infinities and negative values; channels per feature. */
 typedef struct scene {
