@@ -1,4 +1,4 @@
-# The programs. Makefile and meson.build read this file: plain assignments only, paths from the top of
+# The programs. Makefile, meson.build, CMakeLists.txt read this: plain assignments only, paths from the top of
 # the tree.
 APPS := oidnDenoise oidnBenchmark lullInfo yimgdenoise ynlmdenoise
 APP_COMMON_SOURCES := apps/device.c apps/exr_file.c apps/exr_keep.c apps/imageio.c \

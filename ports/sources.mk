@@ -1,4 +1,4 @@
-# Kernels, one group for each instruction set. Makefile and meson.build read this file: plain
+# Kernels, one group for each instruction set. Makefile, meson.build, CMakeLists.txt read this: plain
 # assignments only, paths from the top of the tree.
 #
 #   PORT_<GROUP>_SOURCES      its files; a group without files is left out of the build

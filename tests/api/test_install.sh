@@ -145,6 +145,46 @@ END
         -B "$work/cmake/build" \
         -DOpenImageDenoise_ROOT="$work/moved/lib/x86_64-linux-gnu/cmake/OpenImageDenoise-2.5.1"
     rm -r "$work/moved"
+
+    # The tree as a part of a project, in a debug build, and installed by CMake.
+    mkdir "$work/part"
+    cat >"$work/part/CMakeLists.txt" <<END
+cmake_minimum_required(VERSION 3.16)
+project(consumer C)
+add_subdirectory("$root" lull)
+add_executable(shared ../main.c)
+target_link_libraries(shared OpenImageDenoise)
+add_executable(static ../main.c)
+target_link_libraries(static OpenImageDenoise_static)
+add_executable(native ../native.c)
+target_link_libraries(native lull)
+END
+    try "cmake: configures with the tree" cmake -S "$work/part" -B "$work/part/build" \
+        -DCMAKE_C_COMPILER="$CC" -DCMAKE_BUILD_TYPE=Debug -DLULL_APPS=ON -DLULL_INSTALL=ON \
+        -DCMAKE_INSTALL_LIBDIR=lib
+    try "cmake: builds the tree" cmake --build "$work/part/build" -j 2
+    for program in shared static native; do
+        try "cmake: $program of the tree runs" "$work/part/build/$program"
+    done
+    { printf 'P6 64 64 255\n' && head -c 12288 "$root/weights/kernel5_8.tza"; } >"$work/in.ppm"
+    for bin in "$build/bin" "$work/part/build/lull"; do # as fast, and the same bytes
+        "$bin/lullInfo" && "$bin/oidnDenoise" --ldr "$work/in.ppm" -d cpu | grep -o 'hash=.*'
+    done >"$work/log" 2>&1 || bad "cmake: its programs"
+    lines=$(($(wc -l <"$work/log") / 2))
+    head -n "$lines" "$work/log" >"$work/made"
+    if [ "$lines" -gt 5 ] && tail -n "$lines" "$work/log" | cmp - "$work/made"; then ok
+    else bad "cmake: its programs"; fi
+    try "cmake: installs" cmake --install "$work/part/build" --prefix "$work/moved"
+    try "cmake: its package is found" cmake -S "$work/cmake" -B "$work/cmake/again" \
+        -DCMAKE_PREFIX_PATH="$work/moved"
+    try "cmake: its package builds" cmake --build "$work/cmake/again"
+    try "cmake: its package runs" "$work/cmake/again/shared"
+    if command -v pkg-config >/dev/null 2>&1; then
+        # shellcheck disable=SC2046
+        try "cmake: its .pc files" $CC -std=c99 "$work/native.c" -o "$work/native" \
+            $(PKG_CONFIG_PATH="$work/moved/lib/pkgconfig" pkg-config --cflags --libs lull)
+    fi
+    rm -r "$work/moved"
 else
     skip cmake "optional: cmake is not installed"
 fi
