@@ -26,3 +26,28 @@ def test_attributes_of_unknown_types_are_kept(denoise, identity, work, parts):
     assert (work / "out.exr").read_bytes().count(mine) == parts
     assert header_of(work / "out.exr")["owner"] == "'somebody'"
     assert list(t.read_exr(work / "out.exr")) == list(t.read_exr(work / "in.exr"))
+
+
+def test_alpha_and_passes_by_further_calls(denoise, work):
+    """As docs/apps.md has it: each call denoises one layer and keeps the others."""
+    s = t.scene(64, 80)
+    light = s["color"] / (s["albedo"] + 0.02)
+    alpha = s["color"][..., :1].clip(0, 1)
+    channels = {**t.planes("", s["color"]), "A": alpha[..., 0].astype("f2"),
+                **t.planes("albedo.", s["albedo"]), **t.planes("normal.", s["normal"], "XYZ"),
+                **t.planes("View.GlossDir.", light)}
+    t.write_exr(work / "in.exr", channels)
+    calls = (("in.exr", "R"), ("out.exr", "A", "--layer", "color=A"),
+             ("out.exr", "View.GlossDir.R", "--layer", "color=View.GlossDir", "--layer",
+              "albedo=none"))
+    before = t.read_exr(work / "in.exr")
+    for source, changed, *layer in calls:
+        done = denoise(source, *layer, "-o", "out.exr")
+        assert done.code == 0, done.err
+        after = t.read_exr(work / "out.exr")
+        same = {name for name, values in after.items() if (values == before[name]).all()}
+        assert set(after) == set(channels)
+        assert set(after) - same == ({changed[:-1] + c for c in "RGB"} if changed != "A" else {"A"})
+        if "albedo=none" in layer:
+            assert "albedo=" not in done.out.replace("albedo=none", "")
+        before = after
