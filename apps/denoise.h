@@ -8,19 +8,23 @@
 #include "json.h"
 #include "report.h"
 #include "sequence.h"
+#include "temporal.h"
 
 #define MAX_OUTPUTS 8
 
 typedef struct denoise_settings {
     device_settings device;
     const char *filter;
-    const char *files[3];  /* color, albedo, normal (image_role); NULL: none */
-    const char *layers[3]; /* --layer, NULL: by the usual names; "none": leave it out */
+    const char *files[4];  /* color, albedo, normal, motion (image_role); NULL: none */
+    const char *layers[4]; /* --layer, NULL: by the usual names; "none": leave it out */
     const char *weights, *reference, *frames;
     const char *outputs[MAX_OUTPUTS];
     int output_count;
     int is_hdr, is_srgb, is_directional, is_aux_clean, is_in_place;
     int is_prefiltering; /* the albedo is denoised by itself first */
+    int is_temporal;     /* results are mixed with those of the frames before */
+    int has_motion_scale;
+    float motion_scale[2];
     int only_given; /* --no_aux: do not look for albedo and normal in the colour's file */
     int is_json, is_checking, is_repairing, is_help, is_list;
     int type, quality, storage, runs, max_memory;
@@ -35,9 +39,9 @@ void denoise_print_help(void);
 
 /* The images of one frame. */
 typedef struct denoise_inputs {
-    image images[3]; /* image_role; empty ones have no pixels */
-    char *paths[3];  /* malloc */
-    int is_found[3]; /* found in the colour's file, not asked for: may be left out again */
+    image images[4]; /* image_role; empty ones have no pixels */
+    char *paths[4];  /* malloc */
+    int is_found[4]; /* found in the colour's file, not asked for: may be left out again */
     image_role main; /* the one to be denoised */
 } denoise_inputs;
 
@@ -62,6 +66,7 @@ typedef struct denoise_session {
     void *weights; /* malloc */
     size_t weights_size;
     json *report;
+    temporal steady; /* the frame before */
     int shows_progress, percent; /* on stderr; what was shown last */
 } denoise_session;
 

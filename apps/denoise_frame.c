@@ -58,6 +58,7 @@ void denoise_end(denoise_session *session)
         oidnReleaseFilter(session->albedo_filter);
     if (session->device)
         oidnReleaseDevice(session->device);
+    temporal_free(&session->steady);
     free(session->weights);
     memset(session, 0, sizeof *session);
 }
@@ -144,13 +145,14 @@ static void run_doctor(frame_job *job)
 }
 
 /* The memory of the result, of the input's size, type and channels; or, if the result replaces the
- * input and is wanted several times or weaker, a copy of the input. */
+ * input and is wanted several times, weaker or steadier, a copy of the input. */
 static exit_code make_output(frame_job *job)
 {
     image *main = &job->inputs.images[job->inputs.main];
     image *made = job->settings->is_in_place ? &job->backup : &job->output;
     image_error error;
-    if (job->settings->is_in_place && job->settings->runs == 1 && job->settings->strength >= 1)
+    if (job->settings->is_in_place && job->settings->runs == 1 && job->settings->strength >= 1 &&
+        !job->settings->is_temporal)
         return EXIT_OK;
     if (image_create(made, main->width, main->height, main->channels, main->type, &error))
         return report_error(EXIT_DENOISE, "%s: %s", job->inputs.paths[job->inputs.main],
@@ -323,6 +325,25 @@ static exit_code execute(frame_job *job, double *seconds)
     return code;
 }
 
+/* Mixes the result with that of the frame before, if it is wanted steady. */
+static exit_code steady(frame_job *job)
+{
+    const denoise_settings *s = job->settings;
+    const image *images = job->inputs.images;
+    temporal_frame frame = {0};
+    if (!s->is_temporal)
+        return EXIT_OK;
+    frame.number = job->frame;
+    frame.noisy = s->is_in_place ? &job->backup : &images[IMAGE_COLOR];
+    frame.albedo = images[IMAGE_ALBEDO].pixels ? &images[IMAGE_ALBEDO] : NULL;
+    frame.normal = images[IMAGE_NORMAL].pixels ? &images[IMAGE_NORMAL] : NULL;
+    frame.motion = images[IMAGE_MOTION].pixels ? &images[IMAGE_MOTION] : NULL;
+    frame.scale = s->has_motion_scale ? s->motion_scale : NULL;
+    if (temporal_mix(&job->session->steady, result_of(job), &frame))
+        return report_error(EXIT_DENOISE, "%s: not enough memory", job->inputs.paths[IMAGE_COLOR]);
+    return EXIT_OK;
+}
+
 /* Moves the result back towards the input, where that is a number, if it is wanted weaker. */
 static void weaken(frame_job *job)
 {
@@ -400,6 +421,8 @@ static exit_code run_once(frame_job *job, int run, uint32_t *hash)
         rewind_input(job);
     report_line("Denoising\n");
     code = execute(job, &seconds);
+    if (!code)
+        code = steady(job);
     if (code)
         return code;
     weaken(job);

@@ -14,7 +14,7 @@ int denoise_is_signed(const denoise_settings *settings, image_role role)
 
 void denoise_inputs_free(denoise_inputs *inputs)
 {
-    for (int i = 0; i < 3; i++) {
+    for (int i = 0; i < 4; i++) {
         image_destroy(&inputs->images[i]);
         free(inputs->paths[i]);
     }
@@ -24,6 +24,12 @@ void denoise_inputs_free(denoise_inputs *inputs)
 static exit_code fail(const char *path, const char *text)
 {
     return report_error(EXIT_INPUT, "cannot read '%s': %s", path, text);
+}
+
+/* In requests: motion is of pixels, which halves do not count well. */
+static image_type type_of(const denoise_settings *settings, image_role role)
+{
+    return role == IMAGE_MOTION ? IMAGE_FLOAT : (image_type)settings->type;
 }
 
 /* Brings the values to what the denoiser takes. Integer files hold signed values as 0.5 v + 0.5,
@@ -46,13 +52,16 @@ static exit_code load_given(denoise_inputs *inputs, const denoise_settings *sett
                             image_role role, int frame)
 {
     image_error error;
-    image_request request = {role, settings->layers[role], 0, (image_type)settings->type, 0,
-                             NULL};
+    image_request request = {role, settings->layers[role], 0, type_of(settings, role), 0, NULL};
     inputs->paths[role] = sequence_path(settings->files[role], frame);
     if (!inputs->paths[role])
         return fail(settings->files[role], "not enough memory");
     if (image_read(&inputs->images[role], inputs->paths[role], &request, &error))
         return fail(inputs->paths[role], error.text);
+    if (role == IMAGE_MOTION && image_is_integer(&inputs->images[role], inputs->paths[role]))
+        return fail(inputs->paths[role],
+                    "motion vectors are signed numbers of pixels, which files of "
+                    "integers do not hold");
     linearise(&inputs->images[role], settings, role, inputs->paths[role]);
     return EXIT_OK;
 }
@@ -63,8 +72,8 @@ static exit_code load_found(denoise_inputs *inputs, const denoise_settings *sett
                             image_role role, int frame)
 {
     image_error error;
-    image_request request = {role, settings->layers[role], 1, (image_type)settings->type, 0,
-                             &inputs->images[IMAGE_COLOR]};
+    image_request request = {role, settings->layers[role],      1, type_of(settings, role),
+                             0,    &inputs->images[IMAGE_COLOR]};
     char *path = sequence_path(settings->files[IMAGE_COLOR], frame);
     image_status status;
     if (!path)
@@ -83,21 +92,38 @@ static exit_code load_found(denoise_inputs *inputs, const denoise_settings *sett
     return fail(path, error.text);
 }
 
+/* 1 if a role's layer is looked for in the colour's file. */
+static int is_sought(const denoise_settings *settings, image_role role)
+{
+    if (is_none(settings->layers[role]) || settings->is_directional ||
+        strcmp(settings->filter, "RT"))
+        return 0;
+    if (role == IMAGE_MOTION)
+        return settings->is_temporal;
+    return !settings->only_given || settings->layers[role];
+}
+
 /* All images of the frame. */
 static exit_code load_all(denoise_inputs *inputs, const denoise_settings *settings, int frame)
 {
-    for (int i = 0; i < 3; i++) {
+    for (int i = 0; i < 4; i++) {
         image_role role = (image_role)i;
         exit_code code = EXIT_OK;
         if (settings->files[role])
             code = load_given(inputs, settings, role, frame);
-        else if (inputs->images[IMAGE_COLOR].is_layered && !is_none(settings->layers[role]) &&
-                 !settings->is_directional && !strcmp(settings->filter, "RT") &&
-                 (!settings->only_given || settings->layers[role]))
+        else if (inputs->images[IMAGE_COLOR].is_layered && is_sought(settings, role))
             code = load_found(inputs, settings, role, frame);
         if (code)
             return code;
     }
+    if (inputs->images[IMAGE_MOTION].pixels && inputs->images[IMAGE_MOTION].channels < 2)
+        return fail(inputs->paths[IMAGE_MOTION], "motion vectors have two channels");
+    if (settings->is_temporal && !inputs->images[IMAGE_MOTION].pixels &&
+        !is_none(settings->layers[IMAGE_MOTION]))
+        return report_error(EXIT_INPUT,
+                            "'%s' has no motion vectors: --motion names a file of them; "
+                            "where the camera stands still, --layer motion=none does without",
+                            inputs->paths[IMAGE_COLOR]);
     inputs->main = settings->files[IMAGE_COLOR]    ? IMAGE_COLOR
                    : settings->files[IMAGE_ALBEDO] ? IMAGE_ALBEDO
                                                    : IMAGE_NORMAL;
@@ -107,7 +133,7 @@ static exit_code load_all(denoise_inputs *inputs, const denoise_settings *settin
 static exit_code check_aligned(const denoise_inputs *inputs)
 {
     exit_code code = EXIT_OK;
-    for (int i = 0; i < 3 && !code; i++)
+    for (int i = 0; i < 4 && !code; i++)
         if (inputs->images[i].pixels)
             code = image_check_aligned(&inputs->images[i], inputs->paths[i],
                                        &inputs->images[inputs->main], inputs->paths[inputs->main]);
@@ -117,7 +143,7 @@ static exit_code check_aligned(const denoise_inputs *inputs)
 static void tell(const denoise_inputs *inputs, json *report)
 {
     const image *main = &inputs->images[inputs->main];
-    for (int i = 0; i < 3; i++) {
+    for (int i = 0; i < 4; i++) {
         const image *img = &inputs->images[i];
         const char *role = layers_role_name((image_role)i);
         if (!img->pixels)

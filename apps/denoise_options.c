@@ -3,6 +3,7 @@
 #include <limits.h>
 #include <math.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 typedef denoise_settings S;
@@ -62,6 +63,7 @@ static int set_layer(void *settings, const char *const *v)
     static const option_word roles[] = {{"color colour hdr ldr", IMAGE_COLOR},
                                         {"albedo alb", IMAGE_ALBEDO},
                                         {"normal nrm", IMAGE_NORMAL},
+                                        {"motion", IMAGE_MOTION},
                                         {NULL, 0}};
     S *s = settings;
     char role[16];
@@ -76,6 +78,19 @@ static int set_layer(void *settings, const char *const *v)
         return 1;
     s->layers[index] = v[0] + length + 1;
     return 0;
+}
+
+/* ACROSS,DOWN */
+static int set_motion_scale(void *settings, const char *const *v)
+{
+    S *s = settings;
+    char *end;
+    s->motion_scale[0] = strtof(v[0], &end);
+    if (end == v[0] || *end != ',')
+        return 1;
+    s->motion_scale[1] = strtof(end + 1, &end);
+    s->has_motion_scale = 1;
+    return *end || !isfinite(s->motion_scale[0]) || !isfinite(s->motion_scale[1]);
 }
 
 #define AT(field) offsetof(S, field)
@@ -121,11 +136,16 @@ static const option table[] = {
     FLAG("prefilter", is_prefiltering, 1,
          "denoise the albedo by itself first: better at 1 to 4 samples, takes twice as long"),
     CALL("layer layers", set_layer, "ROLE=NAME",
-         "layer that is color, albedo or normal: its name, channels a,b,c, or none"),
+         "layer that is color, albedo, normal or motion: its name, channels a,b,c, or none"),
     FLAG("no_aux no-aux noAux noaux", only_given, 1,
          "use no albedo and normals but those of --alb and --nrm"),
     CALL("o out output", add_output, "FILE", "where to write; may be given several times"),
     TEXT("frames", frames, "LIST", "1-240 or 1,5,10-20x2: for names with #### or %04d"),
+    FLAG("temporal", is_temporal, 1, "with --frames: less flicker, by the frames before"),
+    TEXT("motion", files[IMAGE_MOTION], "FILE",
+         "with --temporal: where pixels were in the frame before, less where they are"),
+    CALL("motion_scale motion-scale", set_motion_scale, "X,Y",
+         "what these are multiplied by, to the right and down (signs are found)"),
 
     HEADING("denoising"),
     TEXT("f filter", filter, "RT|RTLightmap", "filter (RT)"),
@@ -205,6 +225,14 @@ static exit_code validate(const S *s)
     if (!(s->strength >= 0 && s->strength <= 1))
         return report_error(EXIT_USAGE, "--strength %g: a number from 0 to 1 is expected",
                             (double)s->strength);
+    if (!s->is_temporal &&
+        (s->files[IMAGE_MOTION] || s->layers[IMAGE_MOTION] || s->has_motion_scale))
+        return report_error(EXIT_USAGE, "motion is of use with --temporal only");
+    if (s->is_temporal && !s->frames)
+        return report_error(EXIT_USAGE, "--temporal wants a sequence: --frames");
+    if (s->is_temporal &&
+        (!s->files[IMAGE_COLOR] || s->is_directional || s->runs > 1 || strcmp(s->filter, "RT")))
+        return report_error(EXIT_USAGE, "--temporal is for colours, the filter RT and one run");
     for (int i = 0; i < s->output_count; i++)
         if (image_check_writable(s->outputs[i], &error))
             return report_error(EXIT_OUTPUT, "cannot write '%s': %s", s->outputs[i], error.text);

@@ -78,7 +78,8 @@ typedef struct image {
 typedef enum image_role {
     IMAGE_COLOR,
     IMAGE_ALBEDO,
-    IMAGE_NORMAL
+    IMAGE_NORMAL,
+    IMAGE_MOTION
 } image_role;
 
 typedef struct image_request {

@@ -40,6 +40,12 @@ static const struct {
     {IMAGE_NORMAL, "OptixNormals"},
     {IMAGE_NORMAL, "BumpNormals"}, /* Redshift */
     {IMAGE_NORMAL, "VRayNormals"},
+    {IMAGE_MOTION, "Vector"}, /* Blender */
+    {IMAGE_MOTION, "motion"},
+    {IMAGE_MOTION, "motionvector"}, /* Arnold */
+    {IMAGE_MOTION, "Motion Vector"},
+    {IMAGE_MOTION, "MotionVectors"}, /* Redshift */
+    {IMAGE_MOTION, "velocity"},      /* V-Ray */
 };
 #define KNOWN (sizeof known / sizeof known[0])
 
@@ -52,7 +58,7 @@ static const char *const components[][3] = {
 
 const char *layers_role_name(image_role role)
 {
-    static const char *const names[] = {"color", "albedo", "normal"};
+    static const char *const names[] = {"color", "albedo", "normal", "motion"};
     return names[role];
 }
 
@@ -79,8 +85,9 @@ static int is_component(const char *component, const char *wanted)
     return strlen(component) == strlen(wanted) && same(component, wanted, strlen(wanted));
 }
 
-/* The other channels of the layer that the channel `first` (an R, X or red) belongs to. */
-static layer_match complete(size_t first, const char *const *names, size_t count)
+/* The other channels of the layer that the channel `first` (an R, X or red) belongs to: two, or one
+ * at least. */
+static layer_match complete(size_t first, unsigned least, const char *const *names, size_t count)
 {
     layer_match match = {0, {0, 0, 0}};
     const char *component, *other;
@@ -90,7 +97,7 @@ static layer_match complete(size_t first, const char *const *names, size_t count
         if (!is_component(component, components[s][0]))
             continue;
         match.channels[0] = first;
-        for (unsigned c = 1; c < 3; c++)
+        for (unsigned c = 1; c < 3 && found == c; c++)
             for (size_t i = 0; i < count; i++)
                 if (layer_length(names[i], &other) == length &&
                     same(names[i], names[first], length) && is_component(other, components[s][c])) {
@@ -98,7 +105,7 @@ static layer_match complete(size_t first, const char *const *names, size_t count
                     found++;
                     break;
                 }
-        match.count = found == 3 ? 3 : 0;
+        match.count = found > least ? found : 0;
     }
     return match;
 }
@@ -117,20 +124,24 @@ static int agreement(const char *channel, const char *layer)
     return 0;
 }
 
-static layer_match find_layer(const char *layer, const char *const *names, size_t count)
+static layer_match find_layer(const char *layer, unsigned least, const char *const *names,
+                              size_t count)
 {
     layer_match match = {0, {0, 0, 0}};
     for (int wanted = 2; wanted >= 1; wanted--)
         for (size_t i = 0; i < count; i++)
             if (agreement(names[i], layer) == wanted) {
-                match = complete(i, names, count);
+                match = complete(i, least, names, count);
                 if (match.count)
                     return match;
             }
     return match;
 }
 
-/* 1 if the channel's layer is one of the known albedo or normal layers. */
+/* Channels beside the first one that a layer must have: motion is across and down. */
+static unsigned least_of(image_role role) { return role == IMAGE_MOTION ? 1 : 2; }
+
+/* 1 if the channel's layer is one of those known for something else than colour. */
 static int is_auxiliary(const char *channel)
 {
     for (size_t k = 0; k < KNOWN; k++)
@@ -149,7 +160,7 @@ static layer_match find_any_color(const char *const *names, size_t count)
         size_t length = layer_length(names[i], &component);
         if (is_auxiliary(names[i]) || !length || is_component(component, "x"))
             continue;
-        match = complete(i, names, count);
+        match = complete(i, 2, names, count);
         if (match.count)
             return match;
     }
@@ -172,7 +183,7 @@ layer_match layers_find(image_role role, const char *const *names, size_t count)
     layer_match match = {0, {0, 0, 0}};
     for (size_t k = 0; k < KNOWN && !match.count; k++)
         if (known[k].role == role)
-            match = find_layer(known[k].layer, names, count);
+            match = find_layer(known[k].layer, least_of(role), names, count);
     if (!match.count && role == IMAGE_COLOR)
         match = find_any_color(names, count);
     return match;
@@ -197,7 +208,7 @@ layer_match layers_find_beside(image_role role, const char *color, const char *c
         for (size_t k = 0; k < KNOWN; k++)
             for (size_t i = 0; i < count && known[k].role == role; i++) {
                 if (is_prefixed(names[i], color, n, known[k].layer))
-                    match = complete(i, names, count);
+                    match = complete(i, least_of(role), names, count);
                 if (match.count)
                     return match;
             }
@@ -222,7 +233,7 @@ layer_match layers_find_named(const char *layer, const char *const *names, size_
     layer_match match = {0, {0, 0, 0}};
     const char *start = layer;
     if (!strchr(layer, ',')) {
-        match = find_layer(layer, names, count);
+        match = find_layer(layer, 2, names, count);
         if (match.count)
             return match;
     }

@@ -1,4 +1,5 @@
-/* Which channels of a multilayer file are colour, albedo and normal: the names that renderers use.
+/* Which channels of a multilayer file are colour, albedo, normal and motion: the names that
+ * renderers use.
  */
 #ifndef LULL_APPS_LAYERS_H
 #define LULL_APPS_LAYERS_H
@@ -8,7 +9,7 @@
 #include "imageio.h"
 
 typedef struct layer_match {
-    unsigned count;     /* channels found: 1 or 3 (2: a list, or R and G are all); 0: none */
+    unsigned count; /* channels found: 1 or 3 (2: a list, motion, or R and G are all); 0: none */
     size_t channels[3]; /* their places in the list of names, in the order R G B or X Y Z */
 } layer_match;
 
@@ -28,7 +29,7 @@ layer_match layers_find_beside(image_role role, const char *color, const char *c
  * name), or one to three channel names separated by commas. */
 layer_match layers_find_named(const char *layer, const char *const *names, size_t count);
 
-/* "color", "albedo", "normal" */
+/* "color", "albedo", "normal", "motion" */
 const char *layers_role_name(image_role role);
 
 #endif

@@ -22,7 +22,7 @@ def test_names_are_those_of_the_programs(root):
     rows = re.findall(r'\{IMAGE_(\w+), "([^"]*)"\}', text)
     for role, feature in ("COLOR", "hdr"), ("ALBEDO", "alb"), ("NORMAL", "nrm"):
         assert LAYERS[feature] == tuple(name for r, name in rows if r == role)
-    assert len(rows) == sum(len(LAYERS[f]) for f in F)
+    assert len(rows) == sum(len(LAYERS[f]) for f in F) + sum(r == "MOTION" for r, _ in rows)
     body = re.search(r"components\[\]\[3\] = \{(.*?)\};", text, re.DOTALL)[1]
     assert COMPONENTS == tuple(tuple(re.findall(r'"(\w+)"', row))
                                for row in re.findall(r"\{.*?\}", body))

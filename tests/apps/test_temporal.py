@@ -1,0 +1,202 @@
+"""oidnDenoise --temporal: less flicker, and nothing of other things than those that are seen."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.apps import tools as t
+
+WIDTH, HEIGHT, FRAMES = 128, 96, 6
+NAMES = ("--hdr", "c#.pfm", "--alb", "a#.pfm", "--nrm", "n#.pfm", "-q", "fast")
+STILL = ("--layer", "motion=none")
+
+
+def texture(seed: int, height: int = HEIGHT, width: int = 2 * WIDTH) -> dict[str, np.ndarray]:
+    """A wide picture without noise, to pan over: light that is smooth, and its features."""
+    s = t.scene(height, width, seed)
+    return {"clean": s["clean"], "albedo": s["albedo"], "normal": s["normal"]}
+
+
+def write_frames(work, pans: list[float], vectors: bool = True, light=None, seed: int = 5,
+                 sign=(1, -1)) -> list[np.ndarray]:
+    """Frames of a picture seen from `pans` pixels to the right on; returns them without noise."""
+    s, clean = texture(seed), []
+    rng = np.random.default_rng(7)
+    for k, pan in enumerate(pans):
+        left = int(pan)
+        part = {n: v[:, left:left + WIDTH] for n, v in s.items()}
+        bright = light[k] if light else 1.0
+        clean.append(part["clean"] * np.float32(bright))
+        noise = rng.gamma(1.0, 1.0, (HEIGHT, WIDTH, 1)).astype(np.float32)
+        t.write_pfm(work / f"c{k}.pfm", clean[-1] * noise)
+        t.write_pfm(work / f"a{k}.pfm", part["albedo"])
+        t.write_pfm(work / f"n{k}.pfm", part["normal"])
+        if vectors:
+            moved = np.zeros((HEIGHT, WIDTH, 3), np.float32)
+            moved[..., 0] = (pan - pans[max(k - 1, 0)]) * sign[0]
+            t.write_pfm(work / f"m{k}.pfm", moved)
+    return clean
+
+
+def results(work, denoise, *options: str, frames: str = f"0-{FRAMES - 1}") -> list[np.ndarray]:
+    done = denoise(*NAMES, "--frames", frames, "-o", "o#.pfm", *options)
+    assert done.code == 0, done.err
+    found = sorted(work.glob("o*.pfm"))
+    images = [t.read_pfm(p) for p in found]
+    for path in found:
+        path.unlink()
+    return images
+
+
+def error(images, clean) -> float:
+    return float(np.mean([((a - b) ** 2).mean() for a, b in zip(images[2:], clean[2:])]))
+
+
+def flicker(images, clean, pans) -> float:
+    """Mean square of how errors change from frame to frame, at the same places of the picture."""
+    errors = [a - b for a, b in zip(images, clean)]
+    sums = []
+    for k in range(2, len(errors)):
+        d = int(pans[k]) - int(pans[k - 1])
+        here, before = errors[k][:, :WIDTH - d], errors[k - 1][:, d:]
+        sums.append(((here - before) ** 2).mean())
+    return float(np.mean(sums))
+
+
+@pytest.mark.parametrize("pans, options", [
+    ([0.0] * FRAMES, STILL), ([0.0] * FRAMES, ("--motion", "m#.pfm")),
+    ([3.0 * k for k in range(FRAMES)], ("--motion", "m#.pfm"))])
+def test_flicker_and_error_are_less(denoise, work, pans, options):
+    clean = write_frames(work, pans)
+    alone = results(work, denoise)
+    steady = results(work, denoise, "--temporal", *options)
+    assert np.array_equal(steady[0], alone[0])
+    assert flicker(steady, clean, pans) < 0.5 * flicker(alone, clean, pans)
+    assert error(steady, clean) < 0.85 * error(alone, clean)
+
+
+@pytest.mark.parametrize("sign", [(1, -1), (1, 1), (-1, 1), (-1, -1)])
+def test_signs_of_vectors_are_found(denoise, work, sign):
+    pans = [4.0 * k for k in range(FRAMES)]
+    write_frames(work, pans, sign=sign)
+    options = ("--temporal", "--motion", "m#.pfm")
+    given = results(work, denoise, *options, "--motion_scale", f"{sign[0]},{sign[1]}")
+    found = results(work, denoise, *options)
+    wrong = results(work, denoise, *options, "--motion_scale", f"{-sign[0]},1")
+    assert all(np.array_equal(a, b) for a, b in zip(given, found))
+    assert not np.array_equal(given[-1], wrong[-1])
+
+
+def test_light_that_changes_is_followed(denoise, work):
+    light = [1, 1, 1, 4, 4, 4]
+    clean = write_frames(work, [0.0] * FRAMES, light=light)
+    alone = results(work, denoise)
+    steady = results(work, denoise, "--temporal", *STILL)
+    for k in (3, 4):
+        assert abs(steady[k].mean() / clean[k].mean() - 1) < 0.05
+        assert ((steady[k] - clean[k]) ** 2).mean() < 1.3 * ((alone[k] - clean[k]) ** 2).mean()
+
+
+def test_a_cut_takes_nothing_over(denoise, work):
+    pans = [0.0, 0.0, float(WIDTH)]  # another place altogether
+    write_frames(work, pans)
+    alone = results(work, denoise, frames="0-2")
+    steady = results(work, denoise, "--temporal", *STILL, frames="0-2")
+    same = (steady[2] == alone[2]).all(-1).mean()
+    assert not np.array_equal(steady[1], alone[1])
+    assert same > 0.4  # what has like features by chance is left to the light
+    assert ((steady[2] - alone[2]) ** 2).mean() < 0.2 * (alone[2] ** 2).mean()
+
+
+def test_what_was_outside_stays_as_it_is(denoise, work):
+    pans = [0.0, 20.0]
+    write_frames(work, pans)
+    alone = results(work, denoise, frames="0-1")
+    steady = results(work, denoise, "--temporal", "--motion", "m#.pfm", frames="0-1")
+    assert np.array_equal(steady[1][:, WIDTH - 20:], alone[1][:, WIDTH - 20:])
+    assert not np.array_equal(steady[1][:, :WIDTH - 20], alone[1][:, :WIDTH - 20])
+
+
+def test_frames_that_do_not_follow_are_not_mixed(denoise, work):
+    write_frames(work, [0.0] * FRAMES)
+    alone = results(work, denoise, frames="0-4x2")
+    steady = results(work, denoise, "--temporal", *STILL, frames="0-4x2")
+    assert all(np.array_equal(a, b) for a, b in zip(alone, steady))
+
+
+def test_bytes_do_not_depend_on_how_it_is_run(denoise, work):
+    write_frames(work, [2.0 * k for k in range(FRAMES)])
+    options = ("--temporal", "--motion", "m#.pfm")
+    steady = results(work, denoise, *options)
+    for more in (("--inplace",), ("--threads", "1"), ("--buffer", "device")):
+        again = results(work, denoise, *options, *more)
+        assert all(np.array_equal(a, b) for a, b in zip(steady, again)), more
+
+
+def test_strength_is_of_the_steady_result(denoise, work):
+    write_frames(work, [0.0] * 3)
+    options = ("--temporal", *STILL)
+    whole = results(work, denoise, *options, frames="0-2")
+    half = results(work, denoise, *options, "--strength", "0.5", frames="0-2")
+    noisy = t.read_pfm(work / "c2.pfm")
+    assert np.allclose(half[2], noisy + 0.5 * (whole[2] - noisy), rtol=1e-5, atol=1e-6)
+
+
+def test_values_that_are_no_numbers(denoise, work):
+    write_frames(work, [0.0] * 3)
+    vectors = t.read_pfm(work / "m1.pfm").copy()
+    vectors[:10] = np.nan
+    vectors[10:20] = np.inf
+    vectors[20:30] = 1e30
+    t.write_pfm(work / "m1.pfm", vectors)
+    noisy = t.read_pfm(work / "c1.pfm").copy()
+    noisy[40:44, 40:44] = np.nan
+    noisy[50:54, 40:44] = np.inf
+    t.write_pfm(work / "c1.pfm", noisy)
+    alone = results(work, denoise, frames="0-2")
+    steady = results(work, denoise, "--temporal", "--motion", "m#.pfm", frames="0-2")
+    assert all(np.isfinite(image).all() for image in steady)
+    assert np.array_equal(steady[1][:30], alone[1][:30])
+
+
+@pytest.mark.parametrize("layer", ["Vector", "ViewLayer.Vector", "motionvector", "velocity"])
+@pytest.mark.parametrize("components", ["XYZ", "XY", "RG"])
+def test_layers_of_motion(denoise, work, exr, layer, components):
+    pans = [2.0 * k for k in range(3)]
+    write_frames(work, pans)
+    steady = results(work, denoise, "--temporal", "--motion", "m#.pfm", frames="0-2")
+    for k in range(3):
+        planes = {}
+        for name, file, letters in (("", "c", "RGB"), ("albedo.", "a", "RGB"),
+                                    ("normal.", "n", "XYZ"), (layer + ".", "m", components)):
+            image = t.read_pfm(work / f"{file}{k}.pfm")[..., :len(letters)]
+            planes |= t.planes(name, image, letters, np.float32)
+        t.write_exr(work / f"e{k}.exr", planes)
+    done = denoise("e#.exr", "-q", "fast", "--temporal", "--frames", "0-2", "-o", "o#.pfm")
+    assert done.code == 0, done.err
+    assert f"motion=e1.exr ({layer}.{components[0]}" in done.out
+    assert all(np.array_equal(a, t.read_pfm(work / f"o{k}.pfm")) for k, a in enumerate(steady))
+
+
+@pytest.mark.parametrize("code, says, options", [
+    (1, "--frames", ("--temporal", *STILL)),
+    (1, "--temporal only", ("--frames", "0-1", "--motion", "m#.pfm")),
+    (1, "--temporal only", ("--frames", "0-1", *STILL)),
+    (1, "one run", ("--frames", "0-1", "--temporal", *STILL, "-n", "2")),
+    (1, "RT", ("--frames", "0-1", "--temporal", *STILL, "-f", "RTLightmap")),
+    (1, "X,Y", ("--frames", "0-1", "--temporal", *STILL, "--motion_scale", "1")),
+    (2, "no motion vectors", ("--frames", "0-1", "--temporal")),
+    (2, "none#.pfm".replace("#", "0"), ("--frames", "0-1", "--temporal", "--motion", "none#.pfm")),
+    (2, "two channels", ("--frames", "0-1", "--temporal", "--motion", "grey.pfm")),
+    (2, "has 8x8 pixels", ("--frames", "0-1", "--temporal", "--motion", "small.pfm")),
+    (2, "integers", ("--frames", "0-1", "--temporal", "--motion", "codes.ppm")),
+])
+def test_errors(denoise, work, code, says, options):
+    write_frames(work, [0.0] * 2)
+    t.write_pfm(work / "grey.pfm", np.zeros((HEIGHT, WIDTH, 1), np.float32))
+    t.write_pfm(work / "small.pfm", np.zeros((8, 8, 3), np.float32))
+    t.write_ppm(work / "codes.ppm", np.zeros((HEIGHT, WIDTH, 3), np.uint8))
+    done = denoise("--hdr", "c#.pfm", "-q", "fast", "-o", "o#.pfm", *options)
+    assert done.code == code and says in done.error
+    assert not list(work.glob("o*.pfm"))
