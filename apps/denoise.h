@@ -51,6 +51,11 @@ exit_code denoise_load(denoise_inputs *inputs, const denoise_settings *settings,
                        json *report);
 void denoise_inputs_free(denoise_inputs *inputs);
 
+/* Tells in text and JSON what looks wrong with the inputs, and mends what can be mended if the
+ * settings ask for it: the images, and what the colour is taken for. */
+void denoise_check(denoise_inputs *inputs, int *is_hdr, int *is_srgb,
+                   const denoise_settings *settings, json *report);
+
 /* Loads another image of the main image's kind, size and channels: the reference. */
 exit_code denoise_load_reference(image *reference, const denoise_settings *settings,
                                  const denoise_inputs *inputs, int frame);

@@ -5,7 +5,6 @@
 #include <string.h>
 
 #include "compare.h"
-#include "doctor.h"
 #include "layers.h"
 #include "platform.h"
 
@@ -102,46 +101,6 @@ static exit_code device_error(const frame_job *job, int is_commit)
                                 ? " (--no_aux leaves out what was found in the colour's file)"
                                 : "");
     return report_error(EXIT_DENOISE, "%s: %s", job->inputs.paths[job->inputs.main], text);
-}
-
-static void run_doctor(frame_job *job)
-{
-    const denoise_settings *s = job->settings;
-    json *report = job->session->report;
-    image *images = job->inputs.images;
-    findings found;
-    doctor_content content = s->is_directional ? DOCTOR_SIGNED
-                             : s->is_hdr       ? DOCTOR_HDR
-                             : s->is_srgb      ? DOCTOR_SRGB
-                                               : DOCTOR_LDR;
-
-    doctor_examine(&found, images[IMAGE_COLOR].pixels ? &images[IMAGE_COLOR] : NULL, content,
-                   images[IMAGE_ALBEDO].pixels ? &images[IMAGE_ALBEDO] : NULL,
-                   images[IMAGE_NORMAL].pixels ? &images[IMAGE_NORMAL] : NULL);
-    report_line("Checking input\n");
-    if (!found.count)
-        report_line("  nothing found\n");
-    json_open(report, "check", '[');
-    for (size_t i = 0; i < found.count; i++) {
-        const finding *f = &found.list[i];
-        const char *done = "";
-        if (s->is_repairing && f->kind == FINDING_NORMAL_ENCODED) {
-            image_decode_signed(&images[IMAGE_NORMAL]);
-            done = " (repaired: decoded)";
-        } else if (s->is_repairing && f->kind == FINDING_LDR_AS_HDR && job->is_hdr) {
-            job->is_hdr = 0;
-            job->is_srgb = image_is_linear(&images[IMAGE_COLOR], job->inputs.paths[IMAGE_COLOR]);
-            done = " (repaired: denoised as sRGB)";
-        }
-        report_line("  %s: %s%s\n", layers_role_name(f->role), f->text, done);
-        json_open(report, NULL, '{');
-        json_text(report, "image", layers_role_name(f->role));
-        json_text(report, "kind", doctor_kind_name(f->kind));
-        json_text(report, "text", f->text);
-        json_bool(report, "repaired", done[0] != 0);
-        json_close(report, '}');
-    }
-    json_close(report, ']');
 }
 
 /* The memory of the result, of the input's size, type and channels; or, if the result replaces the
@@ -547,7 +506,8 @@ static exit_code process(frame_job *job)
 {
     exit_code code;
     if (job->settings->is_checking || job->settings->is_repairing)
-        run_doctor(job);
+        denoise_check(&job->inputs, &job->is_hdr, &job->is_srgb, job->settings,
+                      job->session->report);
     if (job->settings->is_checking && !job->settings->output_count)
         return EXIT_OK;
     code = make_output(job);

@@ -90,6 +90,26 @@ def test_non_finite_and_negative_values(check, images):
     assert found["color", "negative"].startswith("1 values")
 
 
+def test_infinities_leave_an_exposure(denoise, work, images):
+    """Many in a place leave none to measure, and the frame is lost, unless they are mended."""
+    def psnr(image):
+        return -10 * np.log10(((image.clip(0, 4) - images["clean"].clip(0, 4)) ** 2).mean())
+
+    color = images["color"].copy()
+    color[3:9, 3:9] = np.inf
+    t.write_pfm(work / "hdr.pfm", color)
+    done = denoise("--hdr", "hdr.pfm", "--check", "-o", "lost.pfm")
+    assert done.code == 0 and "repaired" not in done.out
+    done = denoise("--hdr", "hdr.pfm", "--repair", "-o", "mended.pfm")
+    assert done.code == 0 and "repaired: infinities count as 0" in done.out
+    color[3:9, 3:9] = np.nan
+    t.write_pfm(work / "nan.pfm", color)
+    assert denoise("--hdr", "nan.pfm", "-o", "nan_out.pfm").code == 0
+    mended = t.read_pfm(work / "mended.pfm")
+    assert np.array_equal(mended, t.read_pfm(work / "nan_out.pfm"))
+    assert psnr(mended) > psnr(t.read_pfm(work / "lost.pfm")) + 5
+
+
 def test_srgb_marked_hdr(check, denoise, identity, work, images):
     codes = np.round(t.srgb_encode(np.clip(images["color"], 0, 1)) * 255)
     shown = (codes / 255).astype(np.float32)
