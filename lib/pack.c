@@ -88,11 +88,11 @@ static int describe_packed(block *b, const lull_packed_layer *packed, const lull
 /* Elements of a packed block's run. */
 static unsigned run_of(const block *b) { return (b->columns + b->has_pairs) * b->inputs; }
 
-/* Tap of output o on element k of a run (columns outer, channels inner). */
-static float tap(const block *b, unsigned o, unsigned k)
+/* Tap of output o on a channel of a column of a run. */
+static float tap(const block *b, unsigned o, unsigned column, unsigned channel)
 {
-    unsigned column = k / b->inputs, side = b->fold ? 3 : b->columns;
-    size_t at = ((size_t)(b->first + o) * b->weight->dims[1] + b->offset + k % b->inputs) * side;
+    unsigned side = b->fold ? 3 : b->columns;
+    size_t at = ((size_t)(b->first + o) * b->weight->dims[1] + b->offset + channel) * side;
     float sum = 0;
     if (!b->fold)
         return lull_tza_float(b->weight, (at + b->row) * side + column);
@@ -103,17 +103,16 @@ static float tap(const block *b, unsigned o, unsigned k)
     return sum;
 }
 
-/* Weight of output o of a packed block on element k of its run. Outputs of a right pixel come
- * after those of the left one, and see the run from its second column on. */
-static float weight_of(const block *b, unsigned o, unsigned k)
+/* Weight of output o of a packed block on a channel of a column of its run. Outputs of a right pixel
+ * come after those of the left one, and see the run from its second column on. */
+static float weight_of(const block *b, unsigned o, unsigned column, unsigned channel)
 {
     unsigned is_right = o >= b->outputs;
-    if (o >= b->outputs << b->has_pairs || k < is_right * b->inputs ||
-        k - is_right * b->inputs >= b->columns * b->inputs)
+    if (o >= b->outputs << b->has_pairs || column < is_right || column - is_right >= b->columns)
         return 0.0f;
     if (is_right && b->columns == 3) /* the same taps; else the tensor's next rows, a phase's */
         o -= b->outputs;
-    return tap(b, o, k - is_right * b->inputs);
+    return tap(b, o, column - is_right, channel);
 }
 
 /* Elements that a kernel multiplies at once: one float, or a dword of integers. */
@@ -147,12 +146,18 @@ static void put(uint8_t *out, lull_dtype dtype, float value, unsigned split)
 static uint8_t *write_block(uint8_t *out, const block *b, unsigned lanes, unsigned split)
 {
     unsigned together = group(b->dtype), length = lull_pack_length(b->dtype, run_of(b));
+    unsigned column[4], channel[4]; /* of an element of the run: columns outer, channels inner */
     size_t bytes = 4 / together;
     for (unsigned first = 0; first < b->outputs; first += lanes)
-        for (unsigned k = 0; k < length * together; k += together)
+        for (unsigned k = 0; k < length * together; k += together) {
+            for (unsigned i = 0; i < together; i++) {
+                column[i] = (k + i) / b->inputs;
+                channel[i] = (k + i) % b->inputs;
+            }
             for (unsigned o = first; o < first + lanes; o++)
-                for (unsigned i = k; i < k + together; i++, out += bytes)
-                    put(out, b->dtype, weight_of(b, o, i), split);
+                for (unsigned i = 0; i < together; i++, out += bytes)
+                    put(out, b->dtype, weight_of(b, o, column[i], channel[i]), split);
+        }
     return out;
 }
 
@@ -169,26 +174,28 @@ static unsigned is_split(const block *b, const lull_kernels *kernels)
  * if they break that of words. */
 static int64_t tap_sum(const block *b, unsigned o, int *fits_words)
 {
-    int words[2][2] = {{0, 0}, {0, 0}};
-    unsigned elements = b->columns * b->inputs;
-    int64_t sum = 0;
-    int positive = 0, negative = 0;
-    for (unsigned k = 0; k < elements; k++) {
-        int w = (int)tap(b, o, k);
-        if (w < -127)
-            return -1;
-        if (k % 2 == 0)
-            positive = negative = 0;
-        *(w > 0 ? &positive : &negative) += w;
-        if (b->dtype == LULL_DTYPE_U8 && (positive > 128 || negative < -128))
-            return -1;
-        words[k >> 1 & 1][w < 0] += w;
-        sum += w < 0 ? -w : w;
+    int positive[4] = {0}, negative[4] = {0}; /* of the first and second of two pairs, in turn */
+    int before[2] = {0, 0}, most = 0, least = 0, lowest = 0; /* of a pair; of a tap */
+    for (unsigned k = 0, column = 0, channel = 0; column < b->columns; k++) {
+        int w = (int)tap(b, o, column, channel), up = w > 0 ? w : 0, down = w - up;
+        int pair_up = k & 1 ? before[0] + up : up, pair_down = k & 1 ? before[1] + down : down;
+        if (++channel == b->inputs)
+            channel = 0, column++;
+        positive[k & 3] += up;
+        negative[k & 3] += down;
+        most = pair_up > most ? pair_up : most;
+        least = pair_down < least ? pair_down : least;
+        lowest = w < lowest ? w : lowest;
+        before[0] = up;
+        before[1] = down;
     }
-    for (unsigned i = 0; i < 2; i++)
-        if (words[i][0] > 128 || words[i][1] < -128)
+    if (lowest < -127 || (b->dtype == LULL_DTYPE_U8 && (most > 128 || least < -128)))
+        return -1;
+    for (unsigned i = 0; i < 4; i += 2)
+        if (positive[i] + positive[i + 1] > 128 || negative[i] + negative[i + 1] < -128)
             *fits_words = 0;
-    return sum;
+    return (int64_t)positive[0] + positive[1] + positive[2] + positive[3] - negative[0] -
+           negative[1] - negative[2] - negative[3];
 }
 
 /* The largest sum that output o in phase `phase` can have; -1 if it can leave int32, or if the taps
