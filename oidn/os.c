@@ -228,6 +228,8 @@ int lull_thread_start(lull_thread *t, size_t stack, void (*run)(void *arg), void
     sigfillset(&all); /* signals are for the host's own threads */
     pthread_sigmask(SIG_BLOCK, &all, &old);
     failed = pthread_create(t, &attr, thread_main, start);
+    if (failed && stack) /* the host's thread-local data come out of it, and may be larger */
+        failed = pthread_create(t, NULL, thread_main, start);
     pthread_sigmask(SIG_SETMASK, &old, NULL);
     pthread_attr_destroy(&attr);
     if (failed)

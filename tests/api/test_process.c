@@ -6,6 +6,9 @@
 #include "threads.h"
 
 #include <sys/wait.h>
+#if defined(__linux__)
+#include <sched.h>
+#endif
 
 #if defined(__SANITIZE_THREAD__)
 #define UNDER_TSAN 1
@@ -47,6 +50,26 @@ static void thread_counts(void)
 }
 
 #if LULL_WITH_THREADS
+
+/* Threads need room for thread-local data of the host in their stacks. */
+static void large_thread_data(void)
+{
+#if defined(__linux__) && defined(CPU_COUNT)
+    static __thread volatile char large[1 << 20];
+    OIDNDevice device = oidnNewDevice(OIDN_DEVICE_TYPE_CPU);
+    cpu_set_t set;
+
+    CHECK_EQ(large[0], 0);
+    CHECK(!sched_getaffinity(0, sizeof set, &set));
+    oidnSetDeviceInt(device, "numThreads", 2);
+    oidnCommitDevice(device);
+    ERROR(device, NONE);
+    CHECK_EQ(oidnGetDeviceInt(device, "numThreads"), CPU_COUNT(&set) > 1 ? 2 : 1);
+    oidnReleaseDevice(device);
+#else
+    SKIP("optional: how many processors there are is only known on Linux");
+#endif
+}
 
 typedef struct job {
     OIDNDevice device;
@@ -383,6 +406,7 @@ int main(int argc, char **argv)
     CHECK_MAIN(argc, argv);
     RUN(thread_counts);
 #if LULL_WITH_THREADS
+    RUN(large_thread_data);
     RUN(threads_share_a_device);
     RUN(devices_side_by_side);
     RUN(errors_of_many_threads);
