@@ -190,13 +190,19 @@ exit_code denoise_load_reference(image *reference, const denoise_settings *setti
                                  const denoise_inputs *inputs, int frame)
 {
     const image *main = &inputs->images[inputs->main];
-    image_request request = {inputs->main, NULL, 0, IMAGE_FLOAT, 0, NULL};
+    image_request request = {inputs->main, settings->layers[inputs->main], 0, IMAGE_FLOAT, 0, NULL};
     image_error error;
+    image_status status;
     exit_code code = EXIT_OK;
     char *path = sequence_path(settings->reference, frame);
     if (!path)
         return fail(settings->reference, "not enough memory");
-    if (image_read(reference, path, &request, &error)) {
+    status = image_read(reference, path, &request, &error);
+    if (status == IMAGE_ERROR_LAYER && request.layer) { /* a file of another renderer, or plain */
+        request.layer = NULL;
+        status = image_read(reference, path, &request, &error);
+    }
+    if (status) {
         code = fail(path, error.text);
     } else if (reference->width != main->width || reference->height != main->height ||
                reference->channels != main->channels) {

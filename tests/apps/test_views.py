@@ -1,4 +1,4 @@
-"""Stereo files: layers of one view go together."""
+"""Files of several pictures: layers of one go together, and its reference."""
 
 from __future__ import annotations
 
@@ -42,3 +42,16 @@ def test_layers_of_one_view_go_together(denoise, identity, work, names, views, i
     else:
         assert layer["color"] == "R"
     assert list(t.read_exr(work / "out.exr")) == list(t.read_exr(work / "in.exr"))
+
+
+@pytest.mark.parametrize("reference", ["out.exr", "plain.exr"])
+def test_reference_of_the_layer_that_was_named(denoise, identity, work, reference):
+    char = t.noise(40, 56, seed=3)
+    channels = layers("BG.Combined.") | t.planes("Char.Combined.", char)
+    t.write_exr(work / "in.exr", channels)
+    t.write_exr(work / "plain.exr", t.planes("", char))
+    named = ("in.exr", "--layer", "color=Char.Combined", "-w", identity[3])
+    assert denoise(*named, "-o", "out.exr").code == 0
+    done = denoise(*named, "--ref", reference, "--json")
+    assert done.code == 0, done.err
+    assert done.json["reference"]["errors"] == 0
