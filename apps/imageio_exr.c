@@ -1,6 +1,5 @@
-/* OpenEXR: reading a layer of a file, and writing a file with one image. Multipart files count as
- * one list of channels, the plain ones of a part (R, G, B) under the part's name. exr_keep.c writes
- * into a copy of a multilayer file. */
+/* OpenEXR: reading a layer of a file, and writing a file with one image. exr_channels.c lists what
+ * layers there are, exr_keep.c writes into a copy of a multilayer file. */
 #include "imageio.h"
 
 #if LULL_WITH_OPENEXR
@@ -9,169 +8,16 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "exr_channels.h"
 #include "exr_file.h"
 #include "exr_keep.h"
 #include "half.h"
 #include "layers.h"
 
-/* ---- The channels of a file ------------------------------------------------------------------ */
-
-typedef struct channel_entry {
-    int part, index; /* place in that part's list */
-} channel_entry;
-
-typedef struct channel_list {
-    size_t count;
-    char **names; /* full names */
-    char **plain; /* the same, those of stereo files as name_without_view gives them */
-    channel_entry *entries;
-} channel_list;
-
-static void channel_list_free(channel_list *list)
-{
-    for (size_t i = 0; i < list->count; i++) {
-        free(list->names[i]);
-        free(list->plain[i]);
-    }
-    free(list->names);
-    free(list->plain);
-    free(list->entries);
-    memset(list, 0, sizeof *list);
-}
-
-static int is_flat(exr_context_t context, int part)
-{
-    exr_storage_t storage;
-    return !exr_get_storage(context, part, &storage) &&
-           (storage == EXR_STORAGE_SCANLINE || storage == EXR_STORAGE_TILED);
-}
-
-/* Copy of "part.channel" or of "channel"; NULL without memory. */
-static char *full_name(const char *part, const char *channel)
-{
-    size_t n = strlen(channel) + 1, m = part ? strlen(part) + 1 : 0;
-    char *name = malloc(n + m);
-    if (name && m) {
-        memcpy(name, part, m - 1);
-        name[m - 1] = '.';
-    }
-    if (name)
-        memcpy(name + m, channel, n);
-    return name;
-}
-
-/* The views that a file of several has in its channels' names, the default one first. */
-static exr_attr_string_vector_t find_views(exr_context_t context, int part)
-{
-    static const exr_attr_string_vector_t none;
-    const exr_attribute_t *attribute;
-    return !exr_get_attribute_by_name(context, part, "multiView", &attribute) &&
-                   attribute->type == EXR_ATTR_STRING_VECTOR
-               ? *attribute->stringvector
-               : none;
-}
-
-/* Place in the list of views of that of a channel, which is the part before the last one of its
- * name ("albedo.left.R"); -1: none. *start: where that part is. */
-static int32_t view_of(const char *name, const exr_attr_string_vector_t *views, size_t *start)
-{
-    const char *dot = strrchr(name, '.');
-    size_t end = dot ? (size_t)(dot - name) : 0;
-    *start = end;
-    while (*start && name[*start - 1] != '.')
-        --*start;
-    for (int32_t i = 0; dot && i < views->n_strings; i++) {
-        const char *view = views->strings[i].str;
-        if (strlen(view) == end - *start && !memcmp(view, name + *start, end - *start))
-            return i;
-    }
-    return -1;
-}
-
-/* Copy of a name without its view, which the names of others than the default view begin with, as
- * if pictures were view layers: "albedo.R", "right.albedo.R". */
-static char *name_without_view(const char *name, const exr_attr_string_vector_t *views)
-{
-    size_t start, n;
-    int32_t view = view_of(name, views, &start);
-    char *copy = full_name(NULL, name), *to = copy;
-    if (view < 0 || !copy)
-        return copy;
-    n = strlen(views->strings[view].str) + 1;
-    memcpy(to, name + start, n);
-    to += view ? n : 0;
-    memcpy(to, name, start);
-    memcpy(to + start, name + start + n, strlen(name + start + n) + 1);
-    return copy;
-}
-
-/* Appends the channels of the default view and those of no view, or those of the others. */
-static exr_result_t append_channels(channel_list *list, int part, const char *part_name,
-                                    const exr_attr_chlist_t *channels,
-                                    const exr_attr_string_vector_t *views, int is_other)
-{
-    for (int c = 0; c < channels->num_channels; c++) {
-        const char *channel = channels->entries[c].name.str;
-        size_t start;
-        if ((view_of(channel, views, &start) > 0) != is_other)
-            continue;
-        list->names[list->count] = full_name(strchr(channel, '.') ? NULL : part_name, channel);
-        list->plain[list->count] = NULL;
-        list->entries[list->count].part = part;
-        list->entries[list->count++].index = c;
-        if (list->names[list->count - 1])
-            list->plain[list->count - 1] = name_without_view(list->names[list->count - 1], views);
-        if (!list->plain[list->count - 1])
-            return EXR_ERR_OUT_OF_MEMORY;
-    }
-    return EXR_ERR_SUCCESS;
-}
-
-static exr_result_t append_part(channel_list *list, exr_context_t context, int part,
-                                int is_multipart)
-{
-    const exr_attr_chlist_t *channels;
-    const char *part_name = NULL;
-    exr_result_t result = exr_get_channels(context, part, &channels);
-    exr_attr_string_vector_t views;
-    size_t count;
-    char **names, **plain;
-    channel_entry *entries;
-
-    if (result)
-        return result;
-    views = find_views(context, part);
-    if (is_multipart && exr_get_name(context, part, &part_name))
-        part_name = NULL;
-    count = list->count + (size_t)channels->num_channels;
-    names = realloc(list->names, (count + 1) * sizeof *names);
-    list->names = names ? names : list->names;
-    plain = realloc(list->plain, (count + 1) * sizeof *plain);
-    list->plain = plain ? plain : list->plain;
-    entries = realloc(list->entries, (count + 1) * sizeof *entries);
-    list->entries = entries ? entries : list->entries;
-    if (!names || !plain || !entries)
-        return EXR_ERR_OUT_OF_MEMORY;
-    result = append_channels(list, part, part_name, channels, &views, 0);
-    return result ? result : append_channels(list, part, part_name, channels, &views, 1);
-}
-
-/* All channels, from those of the part `first` on: of equal names the first one counts. */
-static exr_result_t list_channels(channel_list *list, exr_context_t context, int first)
-{
-    int parts = 0;
-    exr_result_t result = exr_get_count(context, &parts);
-    memset(list, 0, sizeof *list);
-    for (int i = 0; i < parts && !result; i++) {
-        int part = (first + i) % parts;
-        if (is_flat(context, part))
-            result = append_part(list, context, part, parts > 1);
-    }
-    return result;
-}
+/* ---- The layer that is wanted ---------------------------------------------------------------- */
 
 /* The layer of the role that belongs to the colour, if there is one. */
-static layer_match find_role(const channel_list *list, image_role role, const image *color)
+static layer_match find_role(const exr_channels *list, image_role role, const image *color)
 {
     const char *const *names = (const char *const *)list->plain;
     for (size_t i = 0; color && i < list->count; i++)
@@ -181,7 +27,7 @@ static layer_match find_role(const channel_list *list, image_role role, const im
 }
 
 /* "no normal layer among R, G, B, ..." */
-static image_status no_layer(const channel_list *list, const image_request *request,
+static image_status no_layer(const exr_channels *list, const image_request *request,
                              image_error *error)
 {
     char text[160];
@@ -206,7 +52,7 @@ static image_status no_layer(const channel_list *list, const image_request *requ
 }
 
 /* The layer asked for; count 0 if there is none, or if its channels are in different parts. */
-static layer_match choose(const channel_list *list, const image_request *request)
+static layer_match choose(const exr_channels *list, const image_request *request)
 {
     const char *const *names = (const char *const *)list->names;
     layer_match match = {0, {0, 0, 0}};
@@ -275,7 +121,7 @@ static int find_alpha(const exr_attr_chlist_t *channels, const char *name)
 }
 
 /* Sizes and types of the layer; allocates the image and the decoding buffers. */
-static image_status reader_begin(reader *r, image *out, const channel_list *list, layer_match match,
+static image_status reader_begin(reader *r, image *out, const exr_channels *list, layer_match match,
                                  const image_request *request, image_error *error)
 {
     int part = list->entries[match.channels[0]].part;
@@ -398,10 +244,10 @@ static void store_chunk(const reader *r, image *out)
 static image_status read_layer(reader *r, image *out, const image_request *request,
                                image_error *error)
 {
-    channel_list list;
+    exr_channels list;
     layer_match match;
     image_status status;
-    exr_result_t result = list_channels(&list, r->file.context,
+    exr_result_t result = exr_channels_list(&list, r->file.context,
                                         request->color ? request->color->part : 0);
     int is_end = 0;
 
@@ -418,7 +264,7 @@ static image_status read_layer(reader *r, image *out, const image_request *reque
         else
             status = reader_begin(r, out, &list, match, request, error);
     }
-    channel_list_free(&list);
+    exr_channels_free(&list);
     while (!status) {
         result = exr_chunks_next(&r->chunks, &is_end);
         if (is_end)

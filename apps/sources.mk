@@ -1,10 +1,10 @@
 # The programs. Makefile, meson.build, CMakeLists.txt read this: plain assignments only, paths from the top of
 # the tree.
 APPS := oidnDenoise oidnBenchmark lullInfo yimgdenoise ynlmdenoise
-APP_COMMON_SOURCES := apps/device.c apps/exr_file.c apps/exr_keep.c apps/imageio.c \
-                      apps/imageio_exr.c apps/imageio_hdr.c apps/imageio_pfm.c apps/imageio_png.c \
-                      apps/imageio_ppm.c apps/json.c apps/layers.c apps/options.c apps/platform.c \
-                      apps/report.c
+APP_COMMON_SOURCES := apps/device.c apps/exr_channels.c apps/exr_file.c apps/exr_keep.c \
+                      apps/imageio.c apps/imageio_exr.c apps/imageio_hdr.c apps/imageio_pfm.c \
+                      apps/imageio_png.c apps/imageio_ppm.c apps/json.c apps/layers.c \
+                      apps/options.c apps/platform.c apps/report.c
 APP_oidnDenoise_SOURCES := apps/oidnDenoise.c apps/compare.c apps/denoise_check.c apps/denoise_frame.c \
                            apps/denoise_inputs.c apps/denoise_options.c apps/denoise_run.c \
                            apps/doctor.c apps/doctor_maps.c apps/sequence.c apps/temporal.c

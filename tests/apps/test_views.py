@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import OpenEXR
 import pytest
 
@@ -42,6 +43,46 @@ def test_layers_of_one_view_go_together(denoise, identity, work, names, views, i
     else:
         assert layer["color"] == "R"
     assert list(t.read_exr(work / "out.exr")) == list(t.read_exr(work / "in.exr"))
+
+
+PARTS = {  # name of a part, of its channels, and how to ask for the colour of the second view
+    "blender": ("{layer}-{view}", "{layer}.", "ViewLayer.Combined.{view}"),
+    "nuke": ("{layer}_{view}", "{layer}.", "ViewLayer.Combined.{view}"),
+    "plain": ("{layer}.{view}", "", "ViewLayer.Combined.{view}"),
+}
+
+
+@pytest.mark.parametrize("kind", PARTS)
+@pytest.mark.parametrize("views", [["left", "right"], ["right", "left"]])
+@pytest.mark.parametrize("is_second", [False, True])
+@pytest.mark.parametrize("is_albedo_first", [False, True])
+def test_views_in_parts(denoise, work, kind, views, is_second, is_albedo_first):
+    """Albedo and normals of the view that is denoised: those of the other one are no numbers."""
+    part, prefix, color = PARTS[kind]
+    images = t.scene(40, 56)
+    parts, kept = [], []
+    for name, role in zip(BLENDER, ("color", "albedo", "normal"), strict=True):
+        for view in views:
+            is_mine = view == views[is_second]
+            image = images[role] if is_mine else np.full_like(images[role], np.nan)
+            channels = t.planes(prefix.format(layer=name), image, "XYZ" if "Nor" in name else "RGB")
+            header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+            title = part.format(layer=name, view=view)
+            parts.append(OpenEXR.Part(header | {"view": view}, channels, title))
+            kept.append(role != "color" or not is_mine)
+    order = sorted(range(6), key=lambda i: i // 2 != 1) if is_albedo_first else range(6)
+    OpenEXR.File([parts[i] for i in order]).write(str(work / "in.exr"))
+    for name, image in images.items():
+        t.write_pfm(work / f"{name}.pfm", image.astype(np.float16).astype(np.float32))
+    chosen = ("--layer", "color=" + color.format(view=views[1])) if is_second else ()
+    done = denoise("in.exr", *chosen, "-t", "float", "-o", "out.exr", "--json")
+    assert done.code == 0, done.err
+    expected = denoise("--hdr", "color.pfm", "--alb", "albedo.pfm", "--nrm", "normal.pfm", "--json")
+    assert done.json["runs"][0]["hash"] == expected.json["runs"][0]["hash"]
+    for place, i in enumerate(order):
+        before, after = (t.read_exr(work / file, place) for file in ("in.exr", "out.exr"))
+        same = all(np.array_equal(before[c], after[c], equal_nan=True) for c in before)
+        assert same == kept[i]
 
 
 @pytest.mark.parametrize("reference", ["out.exr", "plain.exr"])
