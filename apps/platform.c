@@ -301,8 +301,8 @@ int output_open(output_file *out, const char *path)
         return ENOMEM;
     if (platform_is_directory(out->path)) {
         error = EISDIR;
-    } else if (stat(out->path, &info) == 0 && (info.st_mode & S_IFMT) != S_IFREG) {
-        out->stream = fopen(out->path, "wb");
+    } else if (stat(path, &info) == 0 && (info.st_mode & S_IFMT) != S_IFREG) {
+        out->stream = fopen(path, "wb"); /* a link to /dev/stdout leads to a pipe without name */
         error = out->stream ? 0 : errno;
     } else if (info.st_mode && !is_writable(out->path)) {
         error = errno; /* it could be replaced, but somebody protected it */

@@ -276,6 +276,14 @@ def test_output_replaces_what_a_link_points_to(denoise, identity, work):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="optional: POSIX only")
+def test_output_through_a_link_to_a_pipe(denoise, identity, frame, work):
+    (work / "out.pfm").symlink_to("/dev/stdout")
+    done = denoise("--hdr", "color.pfm", "-w", identity[3], "-o", "out.pfm")
+    assert done.code == 0, done.err
+    assert "Saving output\nPF\n64 48\n" in done.out
+    assert (work / "out.pfm").is_symlink()
+
+
 def test_device_error(denoise, identity, work):
     t.write_pfm(work / "in.pfm", t.noise(H, W))
     done = denoise("--hdr", "in.pfm", "-w", identity[3], "-d", "cuda")
