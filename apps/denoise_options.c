@@ -222,6 +222,9 @@ static exit_code validate(const S *s)
     if (!s->files[IMAGE_COLOR] && s->files[IMAGE_ALBEDO] && s->files[IMAGE_NORMAL])
         return report_error(EXIT_USAGE,
                             "albedo and normals cannot be denoised together without a colour");
+    if (s->input_scale < 0)
+        return report_error(EXIT_USAGE, "--is %g: the scale of light is not negative",
+                            (double)s->input_scale);
     if (!(s->strength >= 0 && s->strength <= 1))
         return report_error(EXIT_USAGE, "--strength %g: a number from 0 to 1 is expected",
                             (double)s->strength);

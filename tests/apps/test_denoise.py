@@ -251,6 +251,11 @@ def test_impossible_strengths(denoise, frame, work, value):
     assert done.code == 1 and "--strength" in done.error and not (work / "out.pfm").exists()
 
 
+def test_negative_input_scale(denoise, frame, work):
+    done = denoise("--hdr", "color.pfm", "-o", "out.pfm", "--is", "-1")
+    assert done.code == 1 and "--is" in done.error and not (work / "out.pfm").exists()
+
+
 # ---- Comparison ----------------------------------------------------------------------------------
 
 
