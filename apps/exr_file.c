@@ -231,6 +231,9 @@ exr_result_t exr_decode_planes(const exr_chunks *chunks, exr_decode_pipeline_t *
         channel->user_line_stride = channel->width * channel->bytes_per_element;
     }
     result = exr_decoding_choose_default_routines(chunks->context, chunks->part, decode);
+    /* What compression did not make smaller is stored as it is. OpenEXR 3.1 forgets it of B44. */
+    if (chunks->info.packed_size == chunks->info.unpacked_size)
+        decode->decompress_fn = NULL;
     return result ? result : exr_decoding_run(chunks->context, chunks->part, decode);
 }
 

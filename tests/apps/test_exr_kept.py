@@ -1,7 +1,8 @@
-"""What of an EXR file OpenEXR itself does not know, and the output keeps."""
+"""What OpenEXR itself does not know, or reads wrongly, and the output keeps."""
 
 from __future__ import annotations
 
+import numpy as np
 import OpenEXR
 import pytest
 
@@ -51,3 +52,24 @@ def test_alpha_and_passes_by_further_calls(denoise, work):
         if "albedo=none" in layer:
             assert "albedo=" not in done.out.replace("albedo=none", "")
         before = after
+
+
+@pytest.mark.parametrize("compression", ["B44", "B44A"])
+@pytest.mark.parametrize("dtype", [np.float32, np.float16])
+@pytest.mark.parametrize("width, height, tile", [(32, 33, 0), (2, 33, 0), (33, 32, 16)])
+def test_chunks_that_compression_does_not_shrink(
+    denoise, identity, work, compression, dtype, width, height, tile
+):
+    """They are stored as they are, as are all of float channels."""
+    rng = np.random.default_rng(8)
+    channels = {c: (rng.random((height, width)) + 0.5).astype(dtype) for c in "RGBA"}
+    header = {"compression": getattr(OpenEXR, f"{compression}_COMPRESSION")}
+    if tile:
+        header |= {"type": OpenEXR.tiledimage, "tiles": OpenEXR.TileDescription()}
+        header["tiles"].xSize = header["tiles"].ySize = tile
+    t.write_exr(work / "in.exr", channels, **header)
+    before = t.read_exr(work / "in.exr")
+    done = denoise("in.exr", "-w", identity[3], "--strength", 0, "-o", "out.exr", "-o", "out.pfm")
+    assert done.code == 0, done.err
+    assert np.array_equal(t.read_pfm(work / "out.pfm"), t.stack(before, "R", "G", "B"))
+    assert np.array_equal(t.read_exr(work / "out.exr")["A"], before["A"])
