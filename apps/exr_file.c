@@ -237,6 +237,31 @@ exr_result_t exr_decode_planes(const exr_chunks *chunks, exr_decode_pipeline_t *
     return result ? result : exr_decoding_run(chunks->context, chunks->part, decode);
 }
 
+/* What goes on writing after write_chunk. */
+static exr_result_t (*library_write)(struct _exr_encode_pipeline *);
+
+/* Readers take as many bytes as there are of pixels for the pixels themselves, but OpenEXR 3.1
+ * leaves them compressed if that came to just as many. */
+static exr_result_t write_chunk(struct _exr_encode_pipeline *encode)
+{
+    if (encode->compressed_bytes == encode->packed_bytes &&
+        encode->compressed_buffer != encode->packed_buffer)
+        memcpy(encode->compressed_buffer, encode->packed_buffer, encode->compressed_bytes);
+    return library_write(encode);
+}
+
+exr_result_t exr_encode(exr_context_t context, int part, exr_encode_pipeline_t *encode,
+                        int is_first)
+{
+    exr_result_t result =
+        is_first ? exr_encoding_choose_default_routines(context, part, encode) : EXR_ERR_SUCCESS;
+    if (is_first && !result) {
+        library_write = encode->write_fn;
+        encode->write_fn = write_chunk;
+    }
+    return result ? result : exr_encoding_run(context, part, encode);
+}
+
 #else
 typedef int exr_file_is_not_built; /* ISO C wants something in a source file */
 #endif

@@ -53,5 +53,9 @@ exr_result_t exr_decode_planes(const exr_chunks *chunks, exr_decode_pipeline_t *
                                int *is_started, const unsigned char *wanted, unsigned char **planes,
                                size_t *room);
 
+/* Encodes and writes a chunk whose channels know where their pixels are. */
+exr_result_t exr_encode(exr_context_t context, int part, exr_encode_pipeline_t *encode,
+                        int is_first);
+
 #endif
 #endif

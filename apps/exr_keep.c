@@ -361,9 +361,7 @@ static exr_result_t encode_chunk(keeper *k, const exr_chunk_info_t *info, int sk
         if (skipped && k->planes[c])
             channel->encode_from_ptr += (size_t)(skipped / channel->y_samples) * line;
     }
-    if (is_first)
-        result = exr_encoding_choose_default_routines(k->out.context, part, &k->encode);
-    return result ? result : exr_encoding_run(k->out.context, part, &k->encode);
+    return exr_encode(k->out.context, part, &k->encode, is_first);
 }
 
 /* Encodes the decoded chunk: one output chunk, or several if the output's compression takes fewer

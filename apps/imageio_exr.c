@@ -356,10 +356,7 @@ static exr_result_t write_rows(exr_file *file, const image *img, unsigned char *
         if (result)
             break;
         fill_planes(planes, img, &encode, y, rows);
-        if (!y)
-            result = exr_encoding_choose_default_routines(file->context, 0, &encode);
-        if (!result)
-            result = exr_encoding_run(file->context, 0, &encode);
+        result = exr_encode(file->context, 0, &encode, !y);
     }
     exr_encoding_destroy(file->context, &encode);
     return result;

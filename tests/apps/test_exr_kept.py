@@ -73,3 +73,13 @@ def test_chunks_that_compression_does_not_shrink(
     assert done.code == 0, done.err
     assert np.array_equal(t.read_pfm(work / "out.pfm"), t.stack(before, "R", "G", "B"))
     assert np.array_equal(t.read_exr(work / "out.exr")["A"], before["A"])
+
+
+def test_chunks_that_are_as_long_as_their_pixels(denoise, identity, work):
+    """Of 400 lines of a gradient, each compressed by itself, half are."""
+    gradient = np.add.outer(np.arange(400), np.arange(4)) / 50
+    image = np.stack([0 * gradient, gradient, gradient], axis=-1)
+    t.write_exr(work / "in.exr", t.planes("", image), compression=OpenEXR.ZIPS_COMPRESSION)
+    assert denoise("in.exr", "-w", identity[3], "--strength", 0, "-o", "out.exr").code == 0
+    before, after = (t.read_exr(work / name) for name in ("in.exr", "out.exr"))
+    assert all(np.array_equal(before[c], after[c]) for c in "RGB")
