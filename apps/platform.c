@@ -234,7 +234,8 @@ static void on_end(int number)
  * large are errors, as full disks are. */
 static void guard(const char *temporary)
 {
-    static const int ends[] = {SIGTERM, SIGHUP};
+    /* Farms and limits warn by the last ones, which end who does not know them. */
+    static const int ends[] = {SIGTERM, SIGHUP, SIGQUIT, SIGALRM, SIGUSR1, SIGUSR2, SIGXCPU};
     struct sigaction now = {0};
     is_unfinished = 0;
     if (!temporary || strlen(temporary) >= sizeof unfinished)

@@ -115,8 +115,9 @@ def save_slowly(build, identity, work):
     return run
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_signals_while_saving(build, identity, work, exr, number):
+@pytest.mark.parametrize("name", "SIGINT SIGTERM SIGHUP SIGALRM SIGUSR1".split())
+def test_signals_while_saving(build, identity, work, exr, name):
+    number = getattr(signal, name)
     with save_slowly(build, identity, work) as run:
         run.send_signal(number)
         _, err = run.communicate(timeout=600)
