@@ -62,3 +62,30 @@ exit_code image_check_finite(const image *img, const char *name)
     return report_error(EXIT_INPUT,
                         "cannot read '%s': it has no finite value (only NaN or infinity)", name);
 }
+
+/* Mean of a pixel's channels, without those that are no numbers. */
+static float brightness(const image *img, size_t pixel)
+{
+    float sum = 0;
+    for (unsigned c = 0; c < img->channels; c++) {
+        float v = image_get(img, pixel * img->channels + c);
+        sum += isfinite(v) ? v : 0;
+    }
+    return sum / (float)img->channels;
+}
+
+/* Where the colour is brighter than any albedo it tells nothing, unless the other is that bright,
+ * too. */
+int image_is_light(const image *albedo, const image *color)
+{
+    size_t n = color->width * color->height, looked = 0, brighter = 0, bright = 0;
+    if (!albedo->may_be_light || albedo->width != color->width || albedo->height != color->height)
+        return 0;
+    for (size_t i = 0; i < n; i++) {
+        float a = brightness(albedo, i), c = brightness(color, i);
+        looked += c < 1;
+        brighter += c < 1 && a > 1.02f * c + 0.001f;
+        bright += a > 1.02f;
+    }
+    return looked ? 100 * brighter < looked : bright > 0;
+}

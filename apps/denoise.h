@@ -42,6 +42,7 @@ typedef struct denoise_inputs {
     image images[4]; /* image_role; empty ones have no pixels */
     char *paths[4];  /* malloc */
     int is_found[4]; /* found in the colour's file, not asked for: may be left out again */
+    int has_light;   /* what is called as an albedo may be is light, and left out */
     image_role main; /* the one to be denoised */
 } denoise_inputs;
 

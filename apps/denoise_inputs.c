@@ -81,10 +81,13 @@ static exit_code load_found(denoise_inputs *inputs, const denoise_settings *sett
     status = image_read(&inputs->images[role], path, &request, &error);
     inputs->paths[role] = path;
     inputs->is_found[role] = !request.layer;
-    if (!status)
+    inputs->has_light |=
+        !status && image_is_light(&inputs->images[role], &inputs->images[IMAGE_COLOR]);
+    if (!status && !(role == IMAGE_ALBEDO && inputs->has_light))
         return EXIT_OK;
     inputs->is_found[role] = 0;
-    if (status == IMAGE_ERROR_LAYER && !request.layer) {
+    if (!status || (status == IMAGE_ERROR_LAYER && !request.layer)) {
+        image_destroy(&inputs->images[role]);
         free(path);
         inputs->paths[role] = NULL;
         return EXIT_OK;
@@ -162,6 +165,10 @@ static void tell(const denoise_inputs *inputs, json *report)
         }
         json_text(report, "type", img->type == IMAGE_HALF ? "half" : "float");
         json_close(report, '}');
+    }
+    if (inputs->has_light) {
+        report_line("  diffuse is left out: it is light, not albedo\n");
+        json_bool(report, "diffuse_left_out", 1);
     }
     report_line("Resolution: %zux%zu\n", main->width, main->height);
     json_number(report, "width", (double)main->width);

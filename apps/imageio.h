@@ -72,6 +72,7 @@ typedef struct image {
     char names[3][IMAGE_NAME_SIZE]; /* the channels that were taken */
     int part, channel; /* where the first of them is: its place in the list of a part */
     int left, top;     /* corner of the data window */
+    int may_be_light;  /* an albedo whose layer is called as others call light (layers.h) */
 } image;
 
 /* Which layer of a multilayer file is wanted (layers.h). */

@@ -173,6 +173,8 @@ static image_status reader_begin(reader *r, image *out, const exr_channels *list
     out->channel = r->taken[0];
     out->left = r->chunks.window.min.x;
     out->top = r->chunks.window.min.y;
+    out->may_be_light = request->role == IMAGE_ALBEDO && !request->layer &&
+                        layers_may_be_light(list->plain[match.channels[0]]);
     for (unsigned c = 0; c < match.count; c++)
         snprintf(out->names[c], sizeof out->names[c], "%s",
                  channels->entries[r->taken[c]].name.str);

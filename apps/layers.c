@@ -28,7 +28,7 @@ static const struct {
     {IMAGE_ALBEDO, "OptixAlbedo"},
     {IMAGE_ALBEDO, "DiffuseFilter"}, /* V-Ray, Redshift */
     {IMAGE_ALBEDO, "VRayDiffuseFilter"},
-    {IMAGE_ALBEDO, "diffuse"},
+    {IMAGE_ALBEDO, "diffuse"}, /* or light: layers_may_be_light */
     {IMAGE_NORMAL, "Denoising Normal"}, /* Cycles */
     {IMAGE_NORMAL, "normal"},
     {IMAGE_NORMAL, "sh_normal"}, /* Mitsuba */
@@ -149,6 +149,8 @@ static int is_auxiliary(const char *channel)
             return 1;
     return 0;
 }
+
+int layers_may_be_light(const char *channel) { return agreement(channel, "diffuse") > 0; }
 
 /* Colour under a name we do not know, grey, or R and G alone. */
 static layer_match find_any_color(const char *const *names, size_t count)

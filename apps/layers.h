@@ -29,6 +29,9 @@ layer_match layers_find_beside(image_role role, const char *color, const char *c
  * name), or one to three channel names separated by commas. */
 layer_match layers_find_named(const char *layer, const char *const *names, size_t count);
 
+/* 1 if the channel is of an albedo by the name of diffuse, which to most renderers is light. */
+int layers_may_be_light(const char *channel);
+
 /* "color", "albedo", "normal", "motion" */
 const char *layers_role_name(image_role role);
 

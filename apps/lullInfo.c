@@ -270,6 +270,10 @@ static exit_code tell_image(const char *path, json *report)
             missing = error;
         if (status)
             continue;
+        if (beside && image_is_light(&img, beside)) {
+            image_destroy(&img);
+            continue;
+        }
         if (!is_told++) {
             report_line("%s: %zux%zu, %u channels%s\n", path, img.width, img.height, img.channels,
                         img.alpha ? " and alpha" : "");

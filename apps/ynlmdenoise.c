@@ -124,6 +124,10 @@ static exit_code load(image *images, const settings *s)
                 continue;
             return report_error(EXIT_INPUT, "cannot read '%s': %s", path, error.text);
         }
+        if (image_is_light(&images[i], &images[IMAGE_COLOR])) {
+            image_destroy(&images[i]);
+            continue;
+        }
         if (image_check_aligned(&images[i], path, &images[IMAGE_COLOR], s->files[IMAGE_COLOR]))
             return EXIT_INPUT;
         if (i == IMAGE_COLOR && image_check_finite(&images[i], path))
