@@ -15,6 +15,7 @@ static const struct {
     {IMAGE_COLOR, "Noisy Image"}, /* Cycles */
     {IMAGE_COLOR, "Beauty"},
     {IMAGE_COLOR, "Combined"}, /* Blender */
+    {IMAGE_COLOR, "Image"},    /* its compositor */
     {IMAGE_COLOR, "rgba"},
     {IMAGE_COLOR, "rgb"},
     {IMAGE_COLOR, "color"},
@@ -141,9 +142,17 @@ static layer_match find_layer(const char *layer, unsigned least, const char *con
 /* Channels beside the first one that a layer must have: motion is across and down. */
 static unsigned least_of(image_role role) { return role == IMAGE_MOTION ? 1 : 2; }
 
-/* 1 if the channel's layer is one of those known for something else than colour. */
+/* 1 if the channel's layer is one of those known for something else than colour, or of Cryptomatte,
+ * whose values are names ("CryptoObject00", "ViewLayer.crypto_material00"). */
 static int is_auxiliary(const char *channel)
 {
+    static const char matte[] = "crypto";
+    const char *component;
+    size_t length = layer_length(channel, &component), start = length;
+    while (start && channel[start - 1] != '.')
+        start--;
+    if (length - start >= strlen(matte) && same(channel + start, matte, strlen(matte)))
+        return 1;
     for (size_t k = 0; k < KNOWN; k++)
         if (known[k].role != IMAGE_COLOR && agreement(channel, known[k].layer))
             return 1;

@@ -16,7 +16,7 @@ typedef struct layer_match {
 /* Finds the layer of a role among `count` full channel names ("ViewLayer.Denoising Albedo.R").
  * Upper and lower case are the same. Rows of the name table are tried in order, first as the whole
  * layer name, then after any prefix. A colour without any known name is the first complete R, G, B
- * that is neither albedo nor normal, or else a single grey channel. */
+ * that is neither albedo nor normal nor Cryptomatte, or else a single grey channel. */
 layer_match layers_find(image_role role, const char *const *names, size_t count);
 
 /* Same for a layer that belongs to a colour, one of whose channels has the full name `color`: of

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 
 # Layers by feature, in order of preference; "" is a layer without a name (plain R, G, B).
 LAYERS: dict[str, tuple[str, ...]] = {
-    "hdr": ("", "Noisy Image", "Beauty", "Combined", "rgba", "rgb", "color", "C"),
+    "hdr": ("", "Noisy Image", "Beauty", "Combined", "Image", "rgba", "rgb", "color", "C"),
     "alb": ("Denoising Albedo", "albedo", "VisibleDiffuse", "DiffCol", "Diffuse Color",
             "diffuse_albedo", "OptixAlbedo", "DiffuseFilter", "VRayDiffuseFilter", "diffuse"),
     "nrm": ("Denoising Normal", "normal", "sh_normal", "Ns", "N", "Nn", "Normals",

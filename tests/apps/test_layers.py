@@ -178,11 +178,13 @@ def test_grey_and_unknown_colour(denoise, identity, work):
     grey = t.noise(H, W, 1)
     t.write_exr(work / "y.exr", t.planes("", grey, "Y"))
     assert denoise("y.exr", "-w", identity[3], "--json").json["color"]["layer"] == ["Y"]
-    t.write_exr(
-        work / "z.exr", t.planes("pass.", t.noise(H, W)) | t.planes("albedo.", t.noise(H, W))
-    )
-    report = denoise("z.exr", "-w", identity[6], "--json").json
-    assert report["color"]["layer"] == ["pass.R", "pass.G", "pass.B"]
+    image = t.noise(H, W)
+    channels = t.planes("View.CryptoObject00.", image) | t.planes("albedo.", image)
+    for other, name in (("x", "pass"), ("AO", "Image")):  # the latter is Blender's compositor's
+        channels |= t.planes(f"{name}.", image) | t.planes(f"{other}.", image)
+        t.write_exr(work / "z.exr", channels)
+        report = denoise("z.exr", "-w", identity[6], "--json").json
+        assert report["color"]["layer"] == [f"{name}.{c}" for c in "RGB"]
 
 
 # ---- What is kept --------------------------------------------------------------------------------
