@@ -213,10 +213,14 @@ static void *thread_main(void *p)
 
 int lull_thread_start(lull_thread *t, size_t stack, void (*run)(void *arg), void *arg)
 {
+    /* Where these are blocked, a fault ends the process without the host's handler. */
+    static const unsigned char faults[] = {SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGTRAP, SIGABRT,
+                                           SIGSYS};
     thread_start *start = lull_os_alloc(sizeof *start);
     pthread_attr_t attr;
-    sigset_t all, old;
+    sigset_t others, old;
     int failed;
+    unsigned i;
 
     if (!start)
         return 0;
@@ -225,8 +229,10 @@ int lull_thread_start(lull_thread *t, size_t stack, void (*run)(void *arg), void
     pthread_attr_init(&attr);
     if (stack)
         pthread_attr_setstacksize(&attr, stack);
-    sigfillset(&all); /* signals are for the host's own threads */
-    pthread_sigmask(SIG_BLOCK, &all, &old);
+    sigfillset(&others); /* they are for the host's own threads */
+    for (i = 0; i < sizeof faults; i++)
+        sigdelset(&others, faults[i]);
+    pthread_sigmask(SIG_BLOCK, &others, &old);
     failed = pthread_create(t, &attr, thread_main, start);
     if (failed && stack) /* the host's thread-local data come out of it, and may be larger */
         failed = pthread_create(t, NULL, thread_main, start);

@@ -8,6 +8,8 @@
 #include <sys/wait.h>
 #if defined(__linux__)
 #include <sched.h>
+#include <signal.h>
+#include <sys/mman.h>
 #endif
 
 #if defined(__SANITIZE_THREAD__)
@@ -323,6 +325,44 @@ static const char *no_fork(void)
     return NULL;
 }
 
+#if defined(__linux__) && LULL_WITH_THREADS
+
+/* An image that the host brings into memory when it is first touched. */
+static struct {
+    unsigned char *memory;
+    size_t bytes;
+} lazy;
+
+static void bring(int number)
+{
+    (void)number;
+    mprotect(lazy.memory, lazy.bytes, PROT_READ | PROT_WRITE);
+}
+
+static int run_lazily(void)
+{
+    OIDNDevice device = new_device();
+    float *out = noise_image(N, 31);
+    OIDNFilter filter;
+
+    lazy.bytes = N * sizeof(float);
+    lazy.memory =
+        mmap(NULL, lazy.bytes, PROT_NONE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+    filter = new_identity(device, (float *)(void *)lazy.memory, out, W, H);
+    signal(SIGSEGV, bring);
+    oidnExecuteFilter(filter);
+    return oidnGetDeviceError(device, NULL) != NONE || out[N / 2] > 1e-3f;
+}
+
+static void faults_are_the_hosts(void)
+{
+    if (no_fork())
+        SKIP(no_fork());
+    CHECK_EQ(in_child(NULL, NULL, run_lazily), 0);
+}
+
+#endif
+
 static void make_forked(unsigned seed)
 {
     forked.device = new_device();
@@ -412,6 +452,9 @@ int main(int argc, char **argv)
     RUN(errors_of_many_threads);
 #endif
     RUN(environment);
+#if defined(__linux__) && LULL_WITH_THREADS
+    RUN(faults_are_the_hosts);
+#endif
     RUN(fork_and_go_on);
 #if LULL_WITH_THREADS
     RUN(fork_with_work_queued);
