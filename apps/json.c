@@ -109,9 +109,10 @@ void json_bool(json *j, const char *key, int value)
     append(j, value ? "true" : "false", value ? 4 : 5);
 }
 
-int json_print(json *j)
+int json_print(json *j, FILE *stream)
 {
-    int has_failed = !j->text || j->has_failed || puts(j->text) < 0 || fflush(stdout) != 0;
+    int has_failed = !j->text || j->has_failed || fprintf(stream, "%s\n", j->text) < 0 ||
+                     fflush(stream) != 0;
     free(j->text);
     memset(j, 0, sizeof *j);
     return has_failed ? -1 : 0;

@@ -3,6 +3,7 @@
 #define LULL_APPS_JSON_H
 
 #include <stddef.h>
+#include <stdio.h>
 
 typedef struct json {
     char *text; /* malloc; NULL if nothing was written or memory ran out */
@@ -18,7 +19,7 @@ void json_text(json *j, const char *key, const char *value);
 void json_number(json *j, const char *key, double value); /* non-finite: null */
 void json_bool(json *j, const char *key, int value);
 
-/* Prints the text and a newline to stdout and frees it. 0, or -1 if that failed. */
-int json_print(json *j);
+/* Prints the text and a newline to a stream and frees it. 0, or -1 if that failed. */
+int json_print(json *j, FILE *stream);
 
 #endif

@@ -93,6 +93,8 @@ static int create_new(const char *path)
 
 static char *resolve(const char *path) { return _strdup(path); }
 static int is_writable(const char *path) { return _access(path, 2) == 0; }
+static int copy_descriptor(int descriptor) { return _dup(descriptor); }
+static int put_descriptor(int from, int to) { return _dup2(from, to); }
 static int process_id(void) { return _getpid(); }
 static FILE *stream_of(int descriptor) { return _fdopen(descriptor, "wb"); }
 static void close_descriptor(int descriptor) { _close(descriptor); }
@@ -186,6 +188,8 @@ static char *resolve(const char *path)
 
 static int is_writable(const char *path) { return access(path, W_OK) == 0; }
 
+static int copy_descriptor(int descriptor) { return dup(descriptor); }
+static int put_descriptor(int from, int to) { return dup2(from, to); }
 static int process_id(void) { return (int)getpid(); }
 static FILE *stream_of(int descriptor) { return fdopen(descriptor, "wb"); }
 static void close_descriptor(int descriptor) { close(descriptor); }
@@ -198,6 +202,18 @@ static int replace(const char *from, const char *to, int mode)
 }
 
 #endif
+
+FILE *platform_divert_stdout(void)
+{
+    int descriptor = copy_descriptor(1);
+    FILE *stream = descriptor < 0 ? NULL : stream_of(descriptor);
+    if (!stream && descriptor >= 0)
+        close_descriptor(descriptor);
+    if (!stream || put_descriptor(2, 1) >= 0)
+        return stream;
+    fclose(stream);
+    return NULL;
+}
 
 static volatile sig_atomic_t interrupted;
 

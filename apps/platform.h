@@ -16,6 +16,10 @@ void platform_sleep(unsigned seconds);
 /* 1 if the stream is shown to a person. */
 int platform_is_terminal(FILE *stream);
 
+/* Sends stdout to stderr from here on and returns a stream to what it was; NULL, and stdout stays,
+ * if one of them is closed. */
+FILE *platform_divert_stdout(void);
+
 /* Processors that this process may use, 1 at least. */
 int platform_processors(void);
 

@@ -5,8 +5,11 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "platform.h"
+
 static char last_error[1024];
 static int is_quiet;
+static FILE *json_stream; /* NULL: stdout */
 
 exit_code report_error(exit_code code, const char *format, ...)
 {
@@ -23,7 +26,12 @@ exit_code report_error(exit_code code, const char *format, ...)
 }
 
 const char *report_last_error(void) { return last_error; }
-void report_be_quiet(void) { is_quiet = 1; }
+
+void report_be_quiet(void)
+{
+    is_quiet = 1;
+    json_stream = platform_divert_stdout();
+}
 
 void report_line(const char *format, ...)
 {
@@ -49,7 +57,7 @@ exit_code report_end(json *report, exit_code code, int is_json)
     if (code)
         json_text(report, "error", last_error);
     json_close(report, '}');
-    if (is_json && json_print(report) && !code)
+    if (is_json && json_print(report, json_stream ? json_stream : stdout) && !code)
         code = report_error(EXIT_OUTPUT, "cannot write to the standard output");
     free(report->text);
     return code;

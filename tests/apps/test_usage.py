@@ -72,3 +72,12 @@ def test_json_that_cannot_be_written(build, identity, frame, work):
     with open("/dev/full", "w") as full:
         done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, cwd=work, text=True)
     assert done.returncode == 4 and "standard output" in done.stderr
+
+
+def test_messages_of_the_library_stay_out_of_json(denoise, benchmark, frame, monkeypatch):
+    done = denoise("--hdr", "color.pfm", "-v", 2, "--json")
+    assert done.code == 0 and done.json["exit_code"] == 0 and "Threads :" in done.err
+    monkeypatch.setenv("OIDN_VERBOSE", "1")
+    done = benchmark("-r", "RTLightmap.*", "-s", 32, 32, "-n", 1, "--json")
+    assert done.code == 0 and done.json["exit_code"] == 0 and "Threads :" in done.err
+    assert "Threads :" in denoise("--hdr", "color.pfm").out
