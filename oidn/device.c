@@ -76,7 +76,7 @@ static OIDNDevice new_opencl_device(void)
     } else if (engine) {
         engine->close(engine);
     } else {
-        lull_errors_report(NULL, &fault);
+        lull_errors_report(NULL, &fault, NULL);
     }
     return device;
 #else

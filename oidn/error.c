@@ -115,17 +115,16 @@ static lull_error_slot *find_slot(lull_errors *errors, bool create)
     return slot;
 }
 
-void lull_errors_report(lull_errors *errors, const lull_fault *fault)
+OIDNErrorFunction lull_errors_report(lull_errors *errors, const lull_fault *fault, void **user)
 {
     OIDNErrorFunction function;
     lull_error_slot *slot;
     lull_fault *kept;
-    void *user;
 
     if (!errors) {
         if (global_fault.code == OIDN_ERROR_NONE)
             global_fault = *fault;
-        return;
+        return NULL;
     }
     lull_mutex_lock(&errors->mutex);
     slot = find_slot(errors, true);
@@ -133,10 +132,9 @@ void lull_errors_report(lull_errors *errors, const lull_fault *fault)
     if (kept->code == OIDN_ERROR_NONE)
         *kept = *fault;
     function = errors->function;
-    user = errors->user;
+    *user = errors->user;
     lull_mutex_unlock(&errors->mutex);
-    if (function)
-        function(user, fault->code, fault->text);
+    return function;
 }
 
 /* Reads and clears one fault. */
@@ -173,7 +171,7 @@ void lull_global_error(OIDNError code, const char *format, ...)
     va_start(args, format);
     vsnprintf(fault.text, sizeof fault.text, format, args);
     va_end(args);
-    lull_errors_report(NULL, &fault);
+    lull_errors_report(NULL, &fault, NULL);
 }
 
 OIDN_API OIDNError oidnGetDeviceError(OIDNDevice device, const char **outMessage)
@@ -210,12 +208,17 @@ bool lull_call_begin(lull_call *call, OIDNDevice device)
 bool lull_call_end(lull_call *call)
 {
     const bool ok = call->fault.code == OIDN_ERROR_NONE;
+    OIDNErrorFunction function = NULL;
+    void *user = NULL;
 
     if (call->device)
         lull_mutex_unlock(&call->device->lock);
     if (!ok)
-        lull_errors_report(call->device ? &call->device->errors : NULL, &call->fault);
+        function = lull_errors_report(call->device ? &call->device->errors : NULL, &call->fault,
+                                      &user);
     if (call->device)
         lull_device_drop(call->device);
+    if (function)
+        function(user, call->fault.code, call->fault.text);
     return ok;
 }

@@ -67,8 +67,9 @@ typedef struct lull_errors {
 void lull_errors_init(lull_errors *errors);
 void lull_errors_free(lull_errors *errors);
 
-/* Stores a fault for this thread and calls the error function. `errors` NULL: no device. */
-void lull_errors_report(lull_errors *errors, const lull_fault *fault);
+/* Stores a fault for this thread and returns the error function and its user, to be called when
+ * nothing is left to do: it may throw an exception. `errors` NULL: no device, and no function. */
+OIDNErrorFunction lull_errors_report(lull_errors *errors, const lull_fault *fault, void **user);
 
 /* Returns and clears this thread's error; see oidnGetDeviceError. */
 OIDNError lull_errors_take(lull_errors *errors, const char **text);

@@ -6,6 +6,7 @@
 
 #include <cstdio>
 #include <cstdlib>
+#include <stdexcept>
 #include <vector>
 
 OIDN_NAMESPACE_USING
@@ -163,6 +164,44 @@ static bool progress(void *user, double n)
     return true;
 }
 
+#if defined(__linux__)
+static int countThreads()
+{
+    char line[256];
+    int threads = 0;
+    std::FILE *file = std::fopen("/proc/self/status", "r");
+    while (file && std::fgets(line, sizeof line, file))
+        std::sscanf(line, "Threads: %d", &threads);
+    if (file)
+        std::fclose(file);
+    return threads;
+}
+#else
+static int countThreads() { return 0; }
+#endif
+
+static void throwMessage(void *, Error, const char *message) { throw std::runtime_error(message); }
+
+// The programs of Open Image Denoise turn errors into exceptions so. The device ends all the same.
+static void exceptions()
+{
+    const int threads = countThreads();
+    int caught = 0;
+    for (int i = 0; i < 3; i++) {
+        DeviceRef device = newDevice(DeviceType::CPU);
+        device.setErrorFunction(throwMessage);
+        device.commit();
+        try {
+            device.newFilter("nonsense");
+        } catch (const std::runtime_error &) {
+            caught++;
+        }
+        CHECK(device.getError() == Error::InvalidArgument);
+    }
+    CHECK(caught == 3);
+    CHECK(countThreads() == threads);
+}
+
 static void filters()
 {
     const size_t width = 30, height = 20, floats = 3 * width * height;
@@ -216,6 +255,7 @@ int main()
     standardHeaders();
     flags();
     devices();
+    exceptions();
     filters();
     std::printf("%u passed, %u failed, 0 skipped\n", passed, failed);
     return failed != 0;
