@@ -103,8 +103,8 @@ static float tap(const block *b, unsigned o, unsigned column, unsigned channel)
     return sum;
 }
 
-/* Weight of output o of a packed block on a channel of a column of its run. Outputs of a right pixel
- * come after those of the left one, and see the run from its second column on. */
+/* Weight of output o of a packed block on a channel of a column of its run. Outputs of a right
+ * pixel come after those of the left one, and see the run from its second column on. */
 static float weight_of(const block *b, unsigned o, unsigned column, unsigned channel)
 {
     unsigned is_right = o >= b->outputs;
