@@ -40,7 +40,7 @@ from training.settings import Settings
 from training.store import find_stored, read_pictures
 
 CALIBRATION = 12  # pictures
-METHOD = 2  # of the integer stage: states of another one are not continued
+METHOD = 3  # of the integer stage: states of another one are not continued
 CONTENTS = {("hdr", "pu"): "hdr", ("hdr", "log"): "lightmap-hdr", ("ldr", "srgb"): "ldr",
             ("ldr", "linear"): "srgb"}
 FEATURES = {"hdr": "color", "ldr": "color", "alb": "albedo", "nrm": "normal"}

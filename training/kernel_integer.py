@@ -14,8 +14,8 @@ from training.quantize_aware import IntegerHead, IntegerLayer
 
 
 class IntegerKernel(nn.Module):
-    """An integer K model as a torch module: [N,12,H,W] codes of `planes` -> [N,3,H,W] codes; in
-    evaluation mode with the smoothing along the result if the model has it."""
+    """An integer K model as a torch module: [N,12,H,W] codes of `planes` -> [N,3,H,W] codes; with
+    the model's last steps, which the training that it comes from has seen, too."""
 
     def __init__(self, model: IntTrunk, transfer: str):
         super().__init__()
@@ -33,8 +33,7 @@ class IntegerKernel(nn.Module):
         return [(maps[name] / STEP).to(codes.dtype) for name in self.net.heads]
 
     def forward(self, x: Tensor) -> Tensor:
-        return kernel_model.run(self.trunk, self.transfer, x,
-                                bilateral=0 if self.training else self.bilateral)
+        return kernel_model.run(self.trunk, self.transfer, x, bilateral=self.bilateral)
 
     def integer_model(self) -> IntTrunk:
         """The model as it is now; ModelError if sums could leave 32 bits."""

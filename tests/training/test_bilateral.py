@@ -15,6 +15,7 @@ from tests.training.test_kernel_train import RAW, TINY
 from tests.training.test_reference_core import GOLDEN, run
 from training import export, nets, train
 from training.imageio import write_pfm
+from training.kernel_integer import IntegerKernel
 from training.result import Result, load_model
 
 SMOOTHS = GOLDEN / "kernel" / "weights.tza"
@@ -79,6 +80,17 @@ def test_gradients_pass_through_the_last_steps(value):
     model.bilateral = 0
     without = torch.autograd.grad((model(x) * g).sum(), model.head0.bias)[0]
     assert with_it.isfinite().all() and not torch.allclose(with_it, without, rtol=0.02)
+
+
+def test_integers_are_trained_through_the_last_steps():
+    """What trains and judges the integer model computes what it will."""
+    torch.manual_seed(3)
+    net = IntegerKernel(kernel.load(SMOOTHS), "linear").float()
+    x = torch.rand(1, 12, 32, 48)
+    x[:, 9:11], x[:, 11] = 1, 0
+    assert net.bilateral and torch.equal(net.train()(x), net.eval()(x))
+    net.train()(x).sum().backward()
+    assert net.layers[-1].bias.grad.isfinite().all()
 
 
 def test_trained_through_the_last_steps(raw, work, fails):
