@@ -7,8 +7,9 @@ from __future__ import annotations
 import functools
 import importlib.util
 import math
+import sys
 from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -163,7 +164,8 @@ def _shown(codes: np.ndarray, transfer: color.Transfer, feature: str) -> np.ndar
 
 
 class Board:
-    """TensorBoard, if the package is there: scalars by epoch, and example pictures."""
+    """TensorBoard, if the package is there: scalars by epoch, and example pictures. Where its log
+    cannot be written, on a full disk, it ends there, and the training does not."""
 
     def __init__(self, folder: Path, settings: Settings, enabled: bool = True):
         self.writer, self.folder, self.enabled = None, folder, enabled
@@ -179,11 +181,21 @@ class Board:
             return
         self.writer = SummaryWriter(str(self.folder))
 
+    @contextmanager
+    def _writing(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as e:
+            self.writer, self.enabled = None, False
+            print(f"Warning: {self.folder}: cannot write ({e.strerror or e}); the log ends here",
+                  file=sys.stderr)
+
     def scalars(self, epoch: int, **values: float) -> None:
-        self._open()
-        for name, value in values.items():
-            if self.writer:
-                self.writer.add_scalar(name, value, epoch)
+        with self._writing():
+            self._open()
+            for name, value in values.items():
+                if self.writer:
+                    self.writer.add_scalar(name, value, epoch)
 
     def validation(self, epoch: int, scores: Scores) -> None:
         if not self.enabled:
@@ -192,11 +204,12 @@ class Board:
                      **{f"valid_{k}": v for k, v in scores.metrics.items()})
         for spp, values in scores.by_spp.items():
             self.scalars(epoch, **{f"valid_{k}/{spp}spp": v for k, v in values.items()})
-        if self.writer:
-            for i, image in enumerate(scores.examples):
+        with self._writing():
+            for i, image in enumerate(scores.examples if self.writer else ()):
                 image = np.repeat(image, 3, -1) if image.shape[-1] == 1 else image
                 self.writer.add_image(f"noisy output target/{i}", image, epoch, dataformats="HWC")
 
     def close(self) -> None:
-        if self.writer:
-            self.writer.close()
+        with self._writing():
+            if self.writer:
+                self.writer.close()

@@ -1,6 +1,7 @@
 """What users get wrong, and what their files hold: one line that names it, or the right thing."""
 from __future__ import annotations
 
+import errno
 import json
 import os
 import signal
@@ -15,12 +16,13 @@ import pytest
 
 from export import export
 from tests.training.test_kernel_train import RAW, TINY
-from tests.training.tools import make_raw, picture, write_features
+from tests.training.tools import QUICK, make_raw, picture, write_features
 from training import (color, compare_image, convert_image, doctor, evaluate, infer, nets,
                       train)
 from training.errors import ToolError
 from training.features import load
 from training.imageio import read_image, write_image
+from training.result import Result
 from training.scan import scan
 from export.tza import write_weights
 
@@ -188,3 +190,20 @@ def test_pictures_too_small_to_train_on(work, fails):
     code, message = fails(train.main, [*RAW, "-v", "valid", "-r", "a"])
     assert code == 3 and message == "the validation pictures are smaller than 16x16 pixels"
     assert not Path("results/a").exists()
+
+
+@pytest.mark.parametrize("at", ["add_scalar", "close"])
+def test_training_outlives_a_log_that_cannot_be_written(work, capsys, monkeypatch, at):
+    """Disks fill up: the log ends with a warning, the training with its checkpoint."""
+    writer = pytest.importorskip("torch.utils.tensorboard").SummaryWriter
+
+    def full(*_, **__):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(writer, at, full)
+    make_raw(work / "data" / "train", groups=1)
+    train.main(["hdr", "-D", "data", "-t", "train", "--raw", "-r", "a", "-e", "2", *QUICK])
+    said = capsys.readouterr()
+    assert "Finished" in said.out and Result("results", "a").latest_epoch() == 2
+    assert said.err == (f"Warning: {Path('results/a/log')}: cannot write (No space left on device);"
+                        " the log ends here\n")
