@@ -98,8 +98,11 @@ def save_state(path: Path, state: dict[str, Any]) -> None:
     """A file of torch.load, written whole or not at all."""
     with replacing(path) as tmp:
         try:
-            torch.save(state, tmp)
-        except RuntimeError as e:  # what PyTorch makes of a full disk or a missing permission
+            with open(tmp, "wb") as f:  # a path would hide the reason
+                torch.save(state, f)
+        except RuntimeError as e:  # what PyTorch makes of a full disk
+            if isinstance(e.__context__, OSError):
+                raise e.__context__ from e
             raise OSError(str(e).splitlines()[0]) from e
 
 

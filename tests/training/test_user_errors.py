@@ -4,6 +4,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -13,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from export import export
 from tests.training.test_kernel_train import RAW, TINY
@@ -22,7 +24,7 @@ from training import (color, compare_image, convert_image, doctor, evaluate, inf
 from training.errors import ToolError
 from training.features import load
 from training.imageio import read_image, write_image
-from training.result import Result
+from training.result import Result, save_state
 from training.scan import scan
 from export.tza import write_weights
 
@@ -207,3 +209,17 @@ def test_training_outlives_a_log_that_cannot_be_written(work, capsys, monkeypatc
     assert "Finished" in said.out and Result("results", "a").latest_epoch() == 2
     assert said.err == (f"Warning: {Path('results/a/log')}: cannot write (No space left on device);"
                         " the log ends here\n")
+
+
+def test_why_a_checkpoint_cannot_be_written_is_told(work):
+    """As on a full disk, where PyTorch speaks of positions in its container."""
+    resource = pytest.importorskip("resource")
+    text = re.escape(f"a.pth: cannot write ({os.strerror(errno.EFBIG)})")
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1 << 12, before[1]))
+    try:
+        with pytest.raises(ToolError, match=text):
+            save_state(Path("a.pth"), {"weight": torch.zeros(1 << 14)})
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert not list(work.iterdir())
