@@ -69,6 +69,9 @@ def preprocess(settings: Settings, name: str, prefilters: list[Prefilter]) -> Pa
             indent=2) + "\n")
         os.rename(work, folder)
     except OSError as e:
+        if (folder / "config.json").exists():  # another process had the same part to do
+            print(f"{folder}: done already")
+            return folder
         raise ToolError(f"{folder}: cannot write ({e.strerror or e})", OUTPUT) from e
     finally:
         shutil.rmtree(work, ignore_errors=True)

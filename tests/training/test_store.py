@@ -1,6 +1,7 @@
 """Preprocessed data sets: what is in them, shards, and which one a training takes."""
 
 import json
+import os
 import math
 from pathlib import Path
 
@@ -76,6 +77,23 @@ def test_shards_are_the_whole_set_and_resume(raw, work, capsys):
             (find_stored(s, "train"), find_stored(s.replace(train_data="train"), "train"))]
     whole = {p.name: p for p in sets[0]}
     assert len(whole) == 5 and {p.name for p in sets[1]} == set(whole)
+
+
+def test_a_shard_that_two_processes_make_at_once(raw, work, capsys, monkeypatch):
+    """As where a queue starts a job twice: the later one finds the part done."""
+    args = ["hdr", "-D", str(raw), "-t", "train", "--shard", "0/2"]
+    write = preprocess._write
+
+    def slow(*given):
+        monkeypatch.setattr(preprocess, "_write", write)
+        monkeypatch.setattr(os, "getpid", lambda: 1)
+        preprocess.main(args)  # the other one begins later and is faster
+        return write(*given)
+
+    monkeypatch.setattr(preprocess, "_write", slow)
+    preprocess.main(args)
+    assert capsys.readouterr().out.endswith(": done already\n")
+    assert len(list(Path("preproc").iterdir())) == 1  # hidden ones as well
 
 
 def test_names_of_data_sets_may_begin_alike(raw, work):
