@@ -302,6 +302,8 @@ def main(argv: list[str]) -> None:
     images = [(Path(d).name, find_cases(Path(d))) for d in args.images]
     lines, figures = [], []
     for path, features, denoiser in models:
+        if binary and not peer.takes(features):
+            print(f"{path.stem}: OIDN takes normals beside an albedo only, and is left out")
         trained = trained_features(path, features) if held_out else features
         sets = images + [(f"held out of {folder.name}",
                           readable(held_out_cases(folder, count, trained), features))
@@ -312,7 +314,8 @@ def main(argv: list[str]) -> None:
             rows = []
             for case in (c for c in cases if has_features(c.source, features)
                          and (not args.spp or c.source.spp in args.spp)):
-                rows.append(evaluate(case, path, denoiser, binary, list(args.metric),
+                rows.append(evaluate(case, path, denoiser,
+                                     binary if peer.takes(features) else None, list(args.metric),
                                      args.less_reference))
                 r = rows[-1]
                 print(f"{path.stem} {case.name}: " + ", ".join(

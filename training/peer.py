@@ -24,6 +24,11 @@ def find_binary() -> Path | None:
     return None
 
 
+def takes(features: list[str]) -> bool:
+    """Whether it denoises with these: normals go with an albedo only."""
+    return "alb" in features or "nrm" not in features
+
+
 def denoise(binary: Path, images: dict[str, np.ndarray], weights: Path | None = None,
             quality: str = "high", threads: int = 1) -> np.ndarray:
     """Denoise features of one picture ([H,W,3] by name) with its own or with given weights."""

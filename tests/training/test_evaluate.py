@@ -83,6 +83,21 @@ def weights(name, features):
     write_weights(name, {k: v.numpy() for k, v in tensors.items()})
 
 
+def test_normals_without_an_albedo_are_measured_without_oidn(raw, work, monkeypatch, capsys):
+    """It refuses them, and so ended the measurement of all models."""
+    asked = []
+    monkeypatch.setattr(evaluate.peer, "find_binary", lambda: Path("oidnDenoise"))
+    monkeypatch.setattr(evaluate.peer, "denoise", lambda binary, images, *_: asked.append(
+        sorted(images)) or images["hdr"])
+    for features in ["hdr", "nrm"], ["hdr", "alb"]:
+        weights("a.tza", features)
+        evaluate.main([f"a.tza={','.join(features)}", "--images", str(raw / "valid"), "--metric",
+                       "psnr", "--report", f"{features[1]}.md"])
+    assert asked == [["alb", "hdr"]] * len(asked) and asked
+    assert "a: OIDN takes normals beside an albedo only" in capsys.readouterr().out
+    assert "OIDN" not in Path("nrm.md").read_text() and "OIDN" in Path("alb.md").read_text()
+
+
 def gappy(folder):
     """Eight groups of some inputs without normals, without albedo in their layers, or broken."""
     make_raw(folder, 8, spp=(4,))
