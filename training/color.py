@@ -148,4 +148,6 @@ def display(image, exposure: float = 1.0):
     """Radiance -> sRGB [0,1] as metrics and previews see it; arrays in single precision."""
     if _lib(image) is np:
         image, exposure = np.asarray(image, np.float32), np.float32(exposure)
-    return srgb_forward(tonemap(image * exposure))
+    with np.errstate(over="ignore"):  # white in any case
+        exposed = image * exposure
+    return srgb_forward(tonemap(exposed))

@@ -44,12 +44,14 @@ def load_as(path: Path) -> tuple[np.ndarray, str]:
 
 def convert(image: np.ndarray, source: str, target: str, exposure: float) -> np.ndarray:
     """Values of one feature as another; HDR is tone mapped where the target is not HDR."""
+    with np.errstate(over="ignore"):  # radiance may become infinite
+        exposed = image * np.float32(exposure) if source == "hdr" else image
     if source == target:
-        return image * np.float32(exposure) if source == "hdr" else image
+        return exposed
     if target == "srgb":
         return metrics.to_display(image, source, exposure)
     if source == "hdr" and target in ("ldr", "alb"):
-        return color.tonemap(image * np.float32(exposure))
+        return color.tonemap(exposed)
     if source == "srgb" and target in ("hdr", "ldr", "alb"):
         return color.srgb_inverse(image)
     if {source, target} <= {"hdr", "ldr", "alb"}:

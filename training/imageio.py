@@ -195,9 +195,11 @@ def write_pfm(path: Path, image: np.ndarray) -> None:
     half = path.suffix.lower() == ".phm"
     magic = {3: "PH", 1: "Ph", 2: "P:"} if half else {3: "PF", 1: "Pf", 2: "P="}
     h, w, c = image.shape
+    with np.errstate(over="ignore"):  # infinite as half floats
+        values = image[::-1].astype("<f2" if half else "<f4")
     with open(path, "wb") as f:
         f.write(f"{magic[c]}\n{w} {h}\n-1.0\n".encode())
-        f.write(image[::-1].astype("<f2" if half else "<f4").tobytes())
+        f.write(values.tobytes())
 
 
 def write_hdr(path: Path, image: np.ndarray) -> None:

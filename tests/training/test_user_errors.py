@@ -49,8 +49,12 @@ def test_the_brightest_values_are_white(work, capsys, value):
         warnings.simplefilter("error")
         assert (color.display(image)[3, 4] > 0.999).all()
         compare_image.main(["a.hdr.pfm", "b.hdr.pfm", "-M", "psnr", "ssim"])
+        assert (color.display(image, 8)[3, 4] > 0.999).all()
+        for name in "c.png", "c.ldr.pfm", "c.hdr.phm":
+            convert_image.main(["b.hdr.pfm", name, "-E", "8"])
     psnr = float(capsys.readouterr().out.split()[2].rstrip(","))
     assert 20 < psnr < 60
+    assert np.isinf(read_image(Path("c.hdr.phm"))[3, 4]).all()
 
 
 def test_a_measurement_of_nothing_is_an_error(work, fails):
