@@ -331,7 +331,7 @@ def main(argv: list[str]) -> None:
             lines += [""]
             figures += [{"weights": path.name, "set": title, **r} for r in rows]
         if len(figures) == before:
-            raise ToolError(f"{path}: no picture has {','.join(features)}", DATA)
+            raise ToolError(f"{path}: no picture has {','.join(_files_of(features))}", DATA)
     try:
         if args.report:
             write_report(args.report, "\n".join(lines))

@@ -77,6 +77,16 @@ def test_clipped_pictures_through_the_program(raw, work, root):
     assert len(rows) == 2 and all(r["lull"]["psnr"] > r["noisy"]["psnr"] + 2 for r in rows)
 
 
+def test_pictures_of_ldr_alone_lack_the_radiance(work, fails):
+    """They have ldr, of which an error spoke; what is measured is made of hdr."""
+    for version in "4", "ref":
+        for g in range(2):
+            write_features(work / "data", f"p{g}_{version}", {"ldr": picture(g)["hdr"].clip(0, 1)})
+    weights("a.tza", ["ldr"])
+    code, message = fails(evaluate.main, ["a.tza=ldr", "--held_out", "data:1", "--no_oidn"])
+    assert code == 3 and message.endswith("a.tza: no picture has hdr")
+
+
 def weights(name, features):
     """An untrained model of family U."""
     tensors = nets.build("w8", 3 * len(features)).state_dict()
