@@ -194,6 +194,9 @@ def _member(rank: int, work, settings: Settings, world: int, local: int) -> None
     if settings.batch_size % world:
         raise ToolError(f"--batch_size {settings.batch_size} does not divide by {world} processes",
                         USAGE)
+    if settings.get("large_tiles") and settings.batch_size % (4 * world):
+        raise ToolError(f"--large_tiles: a quarter of --batch_size {settings.batch_size} does not "
+                        f"divide by {world} processes", USAGE)
     configure(settings)
     device = open_device(settings, local)
     # Its functions keep the group that is open when an optimiser first imports them, with its

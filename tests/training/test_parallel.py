@@ -89,3 +89,15 @@ def test_an_interrupted_process_says_so(monkeypatch, capsys):
     with pytest.raises(SystemExit) as ended:
         parallel._spawned(0, None, parse("train", ["hdr", "-n", "2"]))
     assert ended.value.code == 130 and capsys.readouterr().err == "Error: interrupted\n"
+
+
+@pytest.mark.parametrize("arguments, text", [
+    (["-b", "3"], "--batch_size 3 does not divide by 2 processes"),
+    (["-b", "4", "--large_tiles", "2"], "a quarter of --batch_size 4 does not divide by 2")])
+def test_batches_are_shared_out_by_torchrun(monkeypatch, arguments, text):
+    """Each process takes whole tiles, of batches of large ones as well."""
+    monkeypatch.setenv("WORLD_SIZE", "2")
+    monkeypatch.setenv("RANK", "0")
+    monkeypatch.setattr(parallel.dist, "init_process_group", lambda *_, **__: pytest.fail("late"))
+    with pytest.raises(ToolError, match=text):
+        parallel.launch(lambda *_: None, parse("train", ["hdr", "-d", "cpu", *arguments]))
