@@ -115,7 +115,8 @@ def find_stored(settings: Settings, name: str) -> Stored:
 
 def read_pictures(stored: Stored, features: list[str], main: str,
                   clean_aux: bool) -> list[Picture]:
-    """Groups of a stored data set with the channels of `features`; arrays are memory mapped."""
+    """Groups of a stored data set with the channels of `features`; arrays are memory mapped, but
+    for features that do not follow each other (hdr and nrm of hdr, alb and nrm), which are read."""
     full = [(f, 9 if f == "sh1" else 1 if f == "z" else 3) for f in stored.features]
     keep, at = [], 0
     for f, n in full:
@@ -144,7 +145,8 @@ def _pick(image: np.ndarray, keep: list[int], full: int, main_count: int) -> np.
     if channels == len(keep) == full:
         return image
     if channels == full:
-        return image[..., keep]
+        first = len(keep)
+        return image[..., :first] if keep == list(range(first)) else image[..., keep]
     if channels == main_count:
         return image
     raise ValueError(f"an image of {channels} channels where {main_count} or {full} belong")

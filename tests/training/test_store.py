@@ -1,8 +1,9 @@
 """Preprocessed data sets: what is in them, shards, and which one a training takes."""
 
 import json
-import os
 import math
+import mmap
+import os
 from pathlib import Path
 
 import numpy as np
@@ -51,6 +52,19 @@ def test_preprocessed_set(raw, work, capsys):
     (folder / "config.json").unlink()  # incomplete: ignored
     with pytest.raises(ToolError):
         find_stored(three, "train")
+
+
+@pytest.mark.parametrize("features", [["hdr"], ["hdr", "alb"], F])
+def test_a_stored_set_stays_on_disk(raw, work, features):
+    """Sets that fit in no memory serve trainings with some of their features, too."""
+    preprocess.main([*F, "-D", str(raw), "-t", "train"])
+    s = parse("train", [*features, "-t", "train"])
+    for one in read_pictures(find_stored(s, "train"), features, "hdr", False):
+        for array in (*one.inputs, one.target):
+            assert array.shape[-1] == (3 if array is one.target else 3 * len(features))
+            while isinstance(array, np.ndarray):
+                array = array.base
+            assert isinstance(array, mmap.mmap)
 
 
 def test_clean_aux_set(raw, work):
