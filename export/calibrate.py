@@ -17,8 +17,9 @@ from training.features import clean
 from training.imageio import read_exr_channels, read_image
 from training.layers import find_channels
 
-PIXELS = 1 << 18  # of all calibration pictures together, taken from their middles
-LEAST = 64        # side of a cut-out
+PIXELS = 1 << 18   # of all calibration pictures together, taken from their middles
+LARGEST = 1 << 16  # of one, of those of training data
+LEAST = 64         # side of a cut-out
 SHORT = {"color": "hdr", "albedo": "alb", "normal": "nrm"}
 SYNTHETIC = ((10001, 1), (20000, 4), (30001, 16), (40000, 2))  # (seed, samples per pixel)
 SYNTHETIC_SIZE = 208
@@ -110,7 +111,7 @@ def synthetic_frames(kind: Kind) -> list[Frame]:
     return frames
 
 
-def _middle(x: np.ndarray, pixels: int) -> np.ndarray:
+def middle(x: np.ndarray, pixels: int = LARGEST) -> np.ndarray:
     """A cut-out of about that many pixels from the middle; all of smaller pictures."""
     h, w = x.shape[:2]
     side = max(int(np.sqrt(pixels)) // ALIGN * ALIGN, LEAST)
@@ -123,4 +124,4 @@ def _middle(x: np.ndarray, pixels: int) -> np.ndarray:
 def network_inputs(frames: Sequence[Frame]) -> list[np.ndarray]:
     """Padded network inputs [H,W,C]; large pictures are exposed as a whole, then cut."""
     share = PIXELS // max(len(frames), 1)
-    return [padded(_middle(f.network_input(), share)) for f in frames]
+    return [padded(middle(f.network_input(), share)) for f in frames]

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from export import kernel, pixels
+from export.calibrate import middle
 from export.dequantize import as_floats
 from export.graph import Layer
 from export.quantize import write_tensors
@@ -117,7 +118,7 @@ def calibration_set(folder: Path, count: int, all_features: bool = False) -> lis
     for i, group in enumerate(groups[::max(len(groups) // count, 1)][:count]):
         images = load(group.inputs[i % len(group.inputs)], ["hdr", "alb", "nrm"])
         frame = {"color": images["hdr"], "albedo": images["alb"], "normal": images["nrm"]}
-        inputs.append(calibration_input(*varied(frame, i, all_features)))
+        inputs.append(middle(calibration_input(*varied(frame, i, all_features))))
     return inputs
 
 

@@ -6,14 +6,14 @@ checkpoints/integer.pth. `export --int8` takes its model, or quantises the weigh
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
 import torch
 
 from export import kernel, synthetic
-from export.calibrate import SYNTHETIC, SYNTHETIC_SIZE
+from export.calibrate import SYNTHETIC, SYNTHETIC_SIZE, middle
 from export.prune import active_channels, without_silent
 from export.quantize import integer_tensors
 from export.quantize_kernel import (
@@ -60,14 +60,14 @@ def quantize(tensors: dict[str, torch.Tensor], settings: Settings, pictures: lis
             active = active_channels(kernel.FloatTrunk(net, arrays), (
                 kernel_input(x, settings, i) for i, x in enumerate(codes)))
             arrays = without_silent(net, arrays, active, net.heads)
-        inputs = [kernel_input(x, settings, i)
+        inputs = [middle(kernel_input(x, settings, i))
                   for i, x in enumerate(spread_codes(pictures, CALIBRATION))]
         model = KernelQuantizer(kernel.FloatTrunk(net, arrays), inputs, OPTIONS).run()
         model.bilateral = settings.get("bilateral") or 0
         return model
     if prune:
         raise ToolError("--prune is for family K", USAGE)
-    codes = spread_codes(pictures, CALIBRATION)
+    codes = [middle(x) for x in spread_codes(pictures, CALIBRATION)]
     model = float_model(arrays, settings.result)
     if model.outputs != 3 or settings.main_feature == "sh1":
         raise ToolError(f"{settings.main_feature}: there are no integer models of it", STATE)
@@ -76,13 +76,13 @@ def quantize(tensors: dict[str, torch.Tensor], settings: Settings, pictures: lis
     return Quantizer(model, inputs, Options(input_top=top, output_top=top)).run()
 
 
-def spread_codes(pictures: list[Picture], count: int) -> list[np.ndarray]:
+def spread_codes(pictures: list[Picture], count: int) -> Iterator[np.ndarray]:
     """Codes of inputs of so many of the pictures, evenly spread, of few and of many samples; the
     features of their references where they have none themselves."""
     chosen = pictures[::max(len(pictures) // count, 1)][:count]
-    inputs = [(p.inputs[i % len(p.inputs)], p.target) for i, p in enumerate(chosen)]
-    return [np.concatenate([x, target[..., x.shape[-1]:]], -1).astype(np.float32)
-            for x, target in inputs]
+    for i, p in enumerate(chosen):
+        x = p.inputs[i % len(p.inputs)]
+        yield np.concatenate([x, p.target[..., x.shape[-1]:]], -1).astype(np.float32)
 
 
 def kernel_input(codes: np.ndarray, settings: Settings, index: int) -> np.ndarray:

@@ -29,7 +29,7 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from export.bounds import Bound, own_groups, pair_groups, word_groups
-from export.calibrate import add_kind
+from export.calibrate import add_kind, middle
 from export.quantize import integer_tensors, load_float, write_integer
 from export.quantizer import Options, Quantizer, transfer_top
 from export.reference import IntLayer, IntModel, Part, check_layer
@@ -298,7 +298,7 @@ def main(argv: list[str]) -> None:
         raise ToolError(f"{found.root}: no pictures to train on", DATA)
     torch.manual_seed(args.seed)
     some = pictures[::max(len(pictures) // CALIBRATION, 1)][:CALIBRATION]
-    inputs = [p.inputs[i % len(p.inputs)].astype(np.float32) for i, p in enumerate(some)]
+    inputs = [middle(p.inputs[i % len(p.inputs)]).astype(np.float32) for i, p in enumerate(some)]
     inputs = [np.pad(x, ((0, -x.shape[0] % 16), (0, -x.shape[1] % 16), (0, 0))) for x in inputs]
     top = transfer_top(args.content)
     net = IntegerNet(Quantizer(model, inputs, Options(input_top=top, output_top=top)).run())

@@ -10,15 +10,18 @@ from hypothesis import strategies as st
 
 from export.bounds import Bound, own_groups, pair_groups, word_groups
 from export.calibrate import Kind, frame_of, network_inputs
+from export.quantize_kernel import calibration_set
 from export.quantizer import Options, Quantizer
 from export.reference import IntModel, load_model
 from export.synthetic import noisy
 from export.tza import write_weights
-from tests.training.tools import TINY
-from training import nets, quantize_aware
+from tests.training.tools import TINY, picture, write_features
+from training import integer_stage, nets, quantize_aware
+from training.data import Picture
 from training.errors import DATA, STATE, USAGE
 from training.loss import l1
 from training.quantize_aware import IntegerNet, fine_tune, rounded_weights
+from training.settings import Settings
 
 GOLDEN = Path(__file__).resolve().parent.parent / "golden"
 CASES = sorted(p.name for p in GOLDEN.glob("int_*"))
@@ -142,3 +145,34 @@ def test_command_refuses(raw, work, weights, fails):
         got, message = fails(quantize_aware.main, args)
         assert got == code and word in message
     assert not Path("out.tza").exists()
+
+
+class Seen(Exception):
+    """Ends a quantisation once its pictures are known."""
+
+
+@pytest.mark.parametrize("height, width, cut", [(400, 1000, 256), (128, 192, None)])
+@pytest.mark.parametrize("family", ["U", "K"])
+def test_large_pictures_are_calibrated_with_their_middles(family, height, width, cut, monkeypatch):
+    """Whole frames of renderers would take gigabytes and half an hour; small ones stay whole."""
+    def seen(model, inputs, options):
+        assert len(inputs) == integer_stage.CALIBRATION
+        for x in inputs:
+            assert x.shape[:2] == ((cut, cut) if cut else (height, width))
+        raise Seen
+
+    monkeypatch.setattr(integer_stage, "KernelQuantizer" if family == "K" else "Quantizer", seen)
+    features = ["hdr", "alb", "nrm"]
+    codes = np.full((height, width, 9), 0.5, np.float16)
+    pictures = [Picture("p", [codes], [4.0], codes[..., :3])] * 15
+    settings = Settings({"family": family, "main_feature": "hdr", "features": features,
+                         "transfer": "pu", "result": "a"})
+    model = nets.build("k8" if family == "K" else TINY, 9)
+    with pytest.raises(Seen):
+        integer_stage.quantize(model.state_dict(), settings, pictures)
+
+
+def test_large_pictures_of_a_data_set_are_cut(tmp_path):
+    for version in "4", "ref":
+        write_features(tmp_path, f"p_{version}", picture(0, 400, 496))
+    assert [x.shape for x in calibration_set(tmp_path, 1)] == [(256, 256, 12)]
