@@ -417,8 +417,10 @@ static exit_code run_all(frame_job *job)
     }
     json_close(report, ']');
     if (compared.values) {
+        char *path = sequence_path(job->settings->reference, job->frame);
         json_open(report, "reference", '{');
-        json_text(report, "file", job->settings->reference);
+        json_text(report, "file", path ? path : job->settings->reference);
+        free(path);
         json_number(report, "values", (double)compared.values);
         json_number(report, "errors", (double)compared.errors);
         json_number(report, "avgerror", compared.average);

@@ -31,9 +31,12 @@ def test_sequence(denoise, identity, work, pattern):
         "--frames",
         "3-5,9",
         "--json",
+        "--ref",
+        pattern,
     )
     assert done.code == 0, done.err
     assert [f["frame"] for f in done.json["frames"]] == [3, 4, 5, 9]
+    assert all(f["reference"]["file"] == f["color"]["file"] for f in done.json["frames"])
     for n, image in images.items():
         assert t.equal(t.read_pfm(work / f"out_{n:02}.pfm"), image)
 
