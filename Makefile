@@ -4,7 +4,7 @@
 #   make demo           denoises demo/ and says what it did
 #   make train-demo     from nothing to a denoiser: scenes, training, export, check (half an hour)
 #   make check          every test (as root it installs the Debian packages that they need)
-#   make wasm           build/wasm/bin: lull.wasm and lull.mjs, for browsers (clang, lld, wasi-libc)
+#   make wasm           build/wasm/bin: lull.wasm, lull.mjs, ..., for browsers (clang, lld, wasi-libc)
 #   make install        DESTDIR= prefix=/usr/local libdir= includedir= ... (uninstall: the same settings)
 #   make conform        every port of this CPU against the scalar one, and its speed
 #   make peer           outputs beside the real Open Image Denoise (Python package pyoidn)
@@ -147,10 +147,15 @@ endif
 ifeq ($(filter windows wasm,$(SYSTEM)),)
 PIC := -fPIC
 endif
+# Compilers for WebAssembly take it that there is one thread, and may write to memory where the source
+# does not, if with the value that is there. The core, compiled once, is in lull-threads.wasm, too.
+ifeq ($(SYSTEM),wasm)
+THREAD_MODEL := $(if $(call takes,-mthread-model posix),-mthread-model posix)
+endif
 DEFINES := -DLULL_WITH_OPENEXR=$(WITH_OPENEXR) -DLULL_WITH_PNG=$(WITH_PNG) \
            -DLULL_WITH_THREADS=$(WITH_THREADS) -DLULL_WITH_OPENCL=$(WITH_OPENCL) \
            $(foreach g,$(PORT_GROUPS),-DLULL_WITH_$(g)=$(if $(filter $(g),$(PORTS)),1,0))
-BASE_FLAGS = -std=c99 $(OPT) $(EXACT) $(WARNINGS) -fvisibility=hidden $(PIC) $(SAN_FLAGS) $(DEFINES)
+BASE_FLAGS = -std=c99 $(OPT) $(EXACT) $(WARNINGS) -fvisibility=hidden $(PIC) $(THREAD_MODEL) $(SAN_FLAGS) $(DEFINES)
 # lib/ and ports/ call nothing of libc but mem*: no stack protector, no _chk variants, no bcmp (clang).
 CORE_FLAGS := -fno-stack-protector -U_FORTIFY_SOURCE -fno-builtin-bcmp $(if $(call takes,-fstack-usage),-fstack-usage)
 # Kernels call nothing back, so that nothing is unwound through them: 30 kB of tables less.
@@ -199,7 +204,7 @@ SOLINK := libOpenImageDenoise.so
 SOFLAGS := -shared -Wl,-soname,$(SONAME) -Wl,--gc-sections $(if $(SAN),,-Wl,-z,defs)
 endif
 ifeq ($(SYSTEM),wasm)
-PROGRAMS := $(BUILD)/bin/lull.wasm $(BUILD)/bin/lull.mjs
+PROGRAMS := $(addprefix $(BUILD)/bin/,lull.wasm lull-threads.wasm $(notdir $(wildcard apps/web/*.mjs)))
 else
 SHARED := $(if $(strip $(OIDN_SOURCES)),$(BUILD)/lib/$(SONAME) $(if $(SOLINK),$(BUILD)/lib/$(SOLINK)))
 PROGRAMS := $(foreach a,$(APPS),$(BUILD)/bin/$(a)$(EXE))
@@ -267,6 +272,13 @@ $(BUILD)/obj/%.o: %.c $(BUILD)/settings.txt
 	@mkdir -p $(@D)
 	$(call say,CC,$<)$(compile)
 
+# The module for JavaScript, without threads and with them.
+$(BUILD)/obj/apps/web/%.o: FLAGS += -DLULL_WEB_THREADS=0
+$(BUILD)/obj/threads/%.o: FLAGS = $(HOSTED_FLAGS) -DLULL_WEB_THREADS=1 -matomics -mbulk-memory -mmutable-globals
+$(BUILD)/obj/threads/%.o: %.c $(BUILD)/settings.txt
+	@mkdir -p $(@D)
+	$(call say,CC,$<)$(compile)
+
 # ---- Built-in weights ----------------------------------------------------------------------------
 
 $(BUILD)/host/embed: weights/embed.c weights/builtin.def
@@ -318,10 +330,18 @@ $(foreach a,$(APPS),$(eval $(call app_rules,$(a))))
 
 # The core as a module for JavaScript: no C library but its memcpy and the like, nothing but progress
 # is imported.
+WEB_FLAGS := -nostartfiles -Wl,--no-entry,--gc-sections,-s
 $(BUILD)/bin/lull.wasm: $(call object,$(APP_WEB_SOURCES)) $(LIBLULL)
 	@mkdir -p $(@D)
-	$(call say,LINK,$@)$(call link,-nostartfiles -Wl$(comma)--no-entry$(comma)--gc-sections$(comma)-s $^)
-$(BUILD)/bin/lull.mjs: apps/web/lull.mjs
+	$(call say,LINK,$@)$(call link,$(WEB_FLAGS) $^)
+# The same in a memory that it shares with its workers. lull.mjs knows its first size, and may give it
+# less than the limit.
+SHARED_FLAGS := $(WEB_FLAGS),--import-memory,--shared-memory,--initial-memory=1048576,--max-memory=4294967296
+WEB_THREADS_OBJECTS := $(patsubst %.c,$(BUILD)/obj/threads/%.o,$(APP_WEB_SOURCES) $(APP_WEB_THREADS_SOURCES))
+$(BUILD)/bin/lull-threads.wasm: $(WEB_THREADS_OBJECTS) $(LIBLULL)
+	@mkdir -p $(@D)
+	$(call say,LINK,$@)$(call link,$(SHARED_FLAGS)$(comma)--export=__stack_pointer $^)
+$(BUILD)/bin/%.mjs: apps/web/%.mjs
 	@mkdir -p $(@D)
 	@cp $< $@
 
@@ -381,7 +401,8 @@ conform: $(BUILD)/test/conform$(EXE) $(BUILD)/test/conform_emulated$(EXE)
 	@$(BUILD)/test/conform_emulated$(EXE)
 	@$(PYTHON) tests/conform/record.py --build $(BUILD) $(CONFORM)
 
-# The same for WebAssembly: build/wasm/bin/lull.wasm and its interface for JavaScript, lull.mjs.
+# The same for WebAssembly: in build/wasm/bin lull.wasm, lull-threads.wasm and their interface for
+# JavaScript, lull.mjs.
 .PHONY: wasm
 WASM_CC ?= clang --target=wasm32-wasi
 wasm:
@@ -479,4 +500,5 @@ clean:
 help:
 	@sed -n '2,/^$$/s/^# \{0,1\}//p' Makefile
 
--include $(patsubst %.o,%.d,$(FACADE_OBJECTS) $(call object,$(APP_SOURCES) $(TEST_SOURCES)))
+-include $(patsubst %.o,%.d,$(FACADE_OBJECTS) $(call object,$(APP_SOURCES) $(APP_WEB_SOURCES) $(TEST_SOURCES)) \
+          $(WEB_THREADS_OBJECTS))

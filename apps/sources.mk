@@ -14,5 +14,6 @@ APP_yimgdenoise_SOURCES := apps/yimgdenoise.c apps/compare.c apps/denoise_check.
                            apps/denoise_inputs.c apps/denoise_options.c apps/denoise_run.c \
                            apps/doctor.c apps/doctor_maps.c apps/sequence.c apps/temporal.c
 APP_ynlmdenoise_SOURCES := apps/ynlmdenoise.c apps/compare.c
-# The module for JavaScript (make wasm).
+# The module for JavaScript (make wasm); what the one with threads has beside it.
 APP_WEB_SOURCES := apps/web/module.c
+APP_WEB_THREADS_SOURCES := apps/web/pool.c

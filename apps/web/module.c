@@ -1,16 +1,26 @@
 /* lull.wasm: the core as a WebAssembly module of its own, without imports but `progress`. Its
- * memory holds the program, then the model, then what belongs to one frame; lull.mjs, beside it, is
- * the interface for JavaScript and the only caller of what is exported here. */
+ * memory holds the program, then the model, then what belongs to one frame; lull.mjs, beside it,
+ * is the interface for JavaScript and the only caller of what is exported here.
+ *
+ * lull-threads.wasm is the same with LULL_WEB_THREADS and pool.c: its memory is imported, and
+ * shared with the instances of its workers. */
 #include <math.h>
 
 #include "lull.h"
-
-#define EXPORT(type, name, parameters)                                        \
-    __attribute__((export_name(#name))) type name parameters; \
-    type name parameters
+#include "pool.h"
 
 /* Returns 0 to cancel. */
 __attribute__((import_module("lull"), import_name("progress"))) int progress(double fraction);
+
+#if LULL_WEB_THREADS
+#define THREADS pool_threads()
+#define PARALLEL_FOR pool_for
+#define FAILED pool_failed()
+#else
+#define THREADS 1
+#define PARALLEL_FOR NULL
+#define FAILED 0
+#endif
 
 #define PAGE 65536u
 
@@ -57,6 +67,7 @@ EXPORT(void, begin, (unsigned width, unsigned height, unsigned content))
     top = frame_base;
     frame = lull_frame_default(width, height, (lull_content)content, 0);
     frame.in_place = 1;
+    frame.threads = THREADS;
     images = (lull_images){.calm = NAN};
 }
 
@@ -76,13 +87,13 @@ EXPORT(void, set_image, (unsigned feature, float *data))
 static int tell(void *user, double fraction)
 {
     (void)user;
-    return progress(fraction);
+    return !FAILED && progress(fraction);
 }
 
 /* Denoises the frame. `input_scale` as in lull_images. */
 EXPORT(lull_status, run, (float input_scale))
 {
-    const lull_host host = {NULL, NULL, tell};
+    const lull_host host = {NULL, PARALLEL_FOR, tell};
     size_t size = lull_plan_size(&frame, model);
     void *memory = (void *)(size ? allocate(size) : 0);
     lull_plan *plan;

@@ -2,43 +2,16 @@
  *
  * Prints `FAIL name: reason` and a closing line of counts. FOLDER holds what the tests write. */
 import assert from 'node:assert/strict';
-import { execFileSync } from 'node:child_process';
-import { readFileSync, writeFileSync } from 'node:fs';
-import { join, resolve } from 'node:path';
+import { readFileSync } from 'node:fs';
+import { join } from 'node:path';
 import { pathToFileURL } from 'node:url';
+import { albedo, bin, color, height, native, normal, pfm, run, same, weights, width } from './web_common.mjs';
 
-const [bin, oidnDenoise, weightsFile, folder] = process.argv.slice(2).map((path) => resolve(path));
 const { Denoiser } = await import(pathToFileURL(join(bin, 'lull.mjs')));
 const module = readFileSync(join(bin, 'lull.wasm'));
-const weights = readFileSync(weightsFile);
-const [width, height] = [83, 61];
-
-let state = 1;
-const random = () => (state = (Math.imul(state, 1664525) + 1013904223) >>> 0) / 2 ** 32;
-const image = (value) => Float32Array.from({ length: 3 * width * height }, (_, i) =>
-  value(Math.floor(i / 3) % width, Math.floor(i / 3 / width), i % 3));
-const albedo = image((x, y, c) => ((x >> 3) + (y >> 2)) % 2 ? 0.8 : 0.1 + 0.2 * c);
-const normal = image((x, y, c) => c === 2 ? 0.8 : 0.6 * (x > 40) * (c === 0));
-const color = image((x, y, c) => -Math.log(1 - random()) * albedo[3 * (y * width + x) + c] * 2 ** (x / 16));
-
-/** The rows of PFM files go upwards. */
-const flipped = (bytes) => Buffer.concat(Array.from({ length: height }, (_, i) =>
-  bytes.subarray((height - 1 - i) * width * 12, (height - i) * width * 12)));
-const pfm = (name, values) => {
-  const path = join(folder, name);
-  writeFileSync(path, Buffer.concat([Buffer.from(`PF\n${width} ${height}\n-1.0\n`),
-    flipped(Buffer.from(values.buffer))]));
-  return path;
-};
-const native = (...inputs) => {
-  const out = join(folder, 'native.pfm');
-  execFileSync(oidnDenoise, [...inputs, '-w', weightsFile, '-o', out]);
-  return flipped(readFileSync(out).subarray(-12 * width * height));
-};
-const same = (values, bytes) => assert.ok(Buffer.from(values.buffer).equals(bytes), 'other bytes');
 const load = () => Denoiser.load(module, weights);
 
-const tests = {
+await run({
   async 'the bytes of the program'() {
     const lull = await load();
     const [c, a, n] = [pfm('c.pfm', color), pfm('a.pfm', albedo), pfm('n.pfm', normal)];
@@ -117,17 +90,4 @@ const tests = {
     assert.deepEqual(imports.map(({ module: from, name }) => `${from}.${name}`), ['lull.progress']);
     assert.ok(module.length < 300_000, `${module.length} bytes`);
   },
-};
-
-let [passed, failed] = [0, 0];
-for (const [name, test] of Object.entries(tests)) {
-  try {
-    await test();
-    passed++;
-  } catch (error) {
-    failed++;
-    console.log(`FAIL ${name}: ${error.stack}`);
-  }
-}
-console.log(`${passed} passed, ${failed} failed, 0 skipped`);
-process.exitCode = failed ? 1 : 0;
+});

@@ -57,8 +57,10 @@ for folder in "$build/wasm" "$build/wasm-scalar"; do
         [ "$program" != test_schedules ] || [ $ports ] || continue # slow, and once is enough
         count "$program" "$node" --no-warnings tests/conform/run_wasi.mjs "$folder/test/$program"
     done
-    count web "$node" tests/apps/web.mjs "$folder/bin" "$build/bin/oidnDenoise" weights/kernel5_8.tza \
-        "$folder"
+    for program in web web_threads; do
+        count "$program" "$node" tests/apps/$program.mjs "$folder/bin" "$build/bin/oidnDenoise" \
+            weights/kernel5_8.tza "$folder"
+    done
 done
 echo "$passed passed, $failed failed, 0 skipped"
 [ "$failed" = 0 ]

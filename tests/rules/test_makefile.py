@@ -53,6 +53,9 @@ def test_wasm_is_installed_without_a_shared_library(tmp_path: Path):
                            f"HOSTCC={CC}", f"BUILD={tmp_path}", "SAN=", "prefix=/usr"],
                           cwd=ROOT, env=env, capture_output=True, text=True, check=True).stdout
     assert re.search(r"^install .*libOpenImageDenoise\.a", said, re.MULTILINE)
+    (programs,) = re.findall(r"^install -m 755 (.*)", said, re.MULTILINE)
+    web = {p.name for p in (ROOT / "apps/web").glob("*.mjs")}
+    assert web | {"lull.wasm", "lull-threads.wasm"} <= {p.split("/")[-1] for p in programs.split()}
     assert not re.search(r"^(install|ln) .*\.so|\.cmake\.in", said, re.MULTILINE)
 
 
