@@ -4,7 +4,7 @@
  *     const lull = await Denoiser.load((name) => fetch(name), fetch('kernel5_12.tza'));
  *     const clean = lull.denoise({ width, height, color, albedo, normal });
  *
- * It returns when it is done: for pages that must not wait, run it in a worker.
+ * It returns when it is done; for pages that must not wait there is AsyncDenoiser of lull-async.mjs.
  *
  * Threads want lull-threads.wasm, lull-worker.mjs beside this file, and shared memory. Pages that are
  * cross-origin isolated have it: their server sends, with the page and with lull-worker.mjs,
@@ -21,7 +21,7 @@ const PAGES = 16; // of 64 KiB: the first memory of lull-threads.wasm, which the
 const STACK = 65536; // bytes for a worker: the linker's for the caller; the core takes 3 kB
 const SPINS = 50_000; // how often a thread looks for work before it sleeps: some 0.05 ms
 
-const bytesOf = async (source) => {
+export const bytesOf = async (source) => {
   const from = await source;
   if (typeof Response !== 'undefined' && from instanceof Response) {
     if (!from.ok) throw new Error(`lull: ${from.url}: ${from.status} ${from.statusText}`);
@@ -31,7 +31,7 @@ const bytesOf = async (source) => {
 };
 
 /** A module of Node, by a name that bundlers for browsers do not see. */
-const ofNode = (name) => import(/* webpackIgnore: true */ /* @vite-ignore */ `node:${name}`);
+export const ofNode = (name) => import(/* webpackIgnore: true */ /* @vite-ignore */ `node:${name}`);
 
 const processors = async () => {
   if (globalThis.navigator?.hardwareConcurrency) return navigator.hardwareConcurrency;
@@ -52,7 +52,7 @@ const noThreads = () => {
 
 /** The module, compiled; whether its memory is shared; how many threads it will have, and why not
  * more. */
-const moduleFor = async (module, wanted) => {
+export const moduleFor = async (module, wanted) => {
   if (wanted !== undefined && !(Number.isInteger(wanted) && wanted >= 1 && wanted <= THREADS_MAX))
     throw new Error(`lull: threads is a whole number from 1 to ${THREADS_MAX}`);
   const no = noThreads();
@@ -90,7 +90,7 @@ const maySleep = () => {
 };
 
 /** A worker of Node, without the options that this thread was started with (--input-type, say). */
-const nodeWorker = async (url) =>
+export const nodeWorker = async (url) =>
   new (await ofNode('worker_threads')).Worker(url, { execArgv: [] });
 
 const newThread = async () => typeof Worker === 'function'
@@ -100,7 +100,7 @@ const newThread = async () => typeof Worker === 'function'
 const failure = (what) => new Error(`lull: a worker failed: ${what}`);
 
 /** Calls told(message) for each message of a worker, failed(error) if it fails or ends. */
-const listen = (worker, told, failed) => {
+export const listen = (worker, told, failed) => {
   const error = (what) => failed(failure(what));
   if (worker.on)
     worker.on('message', told).on('error', error).on('exit', () => error('it is no more'));
@@ -114,7 +114,7 @@ const listen = (worker, told, failed) => {
 };
 
 /** Checks a frame: its images, their names before them, and the number of its content. */
-const frameOf = ({ width, height, color, albedo, normal, content }) => {
+export const frameOf = ({ width, height, color, albedo, normal, content }) => {
   const given = Object.entries({ color, albedo, normal }).filter(([, image]) => image);
   if (!given.length) throw new Error('lull: no image');
   const kind = CONTENTS.indexOf(content ?? (color ? 'hdr' : 'ldr'));

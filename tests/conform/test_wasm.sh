@@ -57,7 +57,7 @@ for folder in "$build/wasm" "$build/wasm-scalar"; do
         [ "$program" != test_schedules ] || [ $ports ] || continue # slow, and once is enough
         count "$program" "$node" --no-warnings tests/conform/run_wasi.mjs "$folder/test/$program"
     done
-    for program in web web_threads; do
+    for program in web web_threads web_async; do
         count "$program" "$node" tests/apps/$program.mjs "$folder/bin" "$build/bin/oidnDenoise" \
             weights/kernel5_8.tza "$folder"
     done
