@@ -124,7 +124,7 @@ static exit_code load(image *images, const settings *s)
                 continue;
             return report_error(EXIT_INPUT, "cannot read '%s': %s", path, error.text);
         }
-        if (image_is_light(&images[i], &images[IMAGE_COLOR])) {
+        if (is_found && image_is_light(&images[i], &images[IMAGE_COLOR])) {
             image_destroy(&images[i]);
             continue;
         }

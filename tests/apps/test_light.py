@@ -46,6 +46,13 @@ def test_diffuse_light_is_no_albedo(denoise, info, build, work, is_light, exposu
     assert classical.code == 0 and ("albedo=" in classical.out) == (not is_light)
 
 
+def test_diffuse_light_that_is_given(denoise, build, work):
+    write(work / "in.exr", True, 1, False)
+    assert "albedo" in denoise("in.exr", "--alb", "in.exr", "--json").json
+    classical = runner(build / "bin" / "ynlmdenoise")
+    assert "albedo=" in classical("-i", "in.exr", "-a", "in.exr", "-o", "out.pfm").out
+
+
 def test_diffuse_light_is_told(denoise, work):
     write(work / "in.exr", True, 1, False)
     assert "  diffuse is left out: it is light, not albedo\n" in denoise("in.exr").out
