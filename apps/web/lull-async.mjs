@@ -30,15 +30,10 @@ export class AsyncDenoiser {
   static async load(module, weights, { threads } = {}) {
     const self = new AsyncDenoiser();
     self.#found = await moduleFor(module, threads);
-    self.#weights = (await bytesOf(weights)).slice();
+    self.#weights = new Uint8Array(await bytesOf(weights));
     if (typeof SharedArrayBuffer === 'function')
       self.#stop = new Int32Array(new SharedArrayBuffer(4));
-    try {
-      await self.#start();
-    } catch (error) {
-      self.close();
-      throw error;
-    }
+    await self.#start();
     return self;
   }
 
@@ -99,7 +94,12 @@ export class AsyncDenoiser {
     }, (error) => {
       if (worker === this.#worker) this.#end(error);
     });
-    await this.#ask({ load: { compiled, weights: this.#weights, threads, stop: this.#stop } }, []);
+    try {
+      await this.#ask({ load: { compiled, weights: this.#weights, threads, stop: this.#stop } }, []);
+    } catch (error) {
+      this.#end(error);
+      throw error;
+    }
   }
 
   async #ask(message, transfer, onProgress) {
