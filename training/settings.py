@@ -172,6 +172,9 @@ def _layers(rows: list[str]) -> dict[str, str]:
 
 def derive(script: str, v: dict[str, Any]) -> dict[str, Any]:
     """Fill in what follows from other options, and refuse what cannot be."""
+    for key in ("train_data", "valid_data", "input_data", "result"):
+        if v.get(key):  # files are called after them: no slash at the end, as shells add it
+            v[key] = Path(v[key]).as_posix()
     if "features" in v:
         v["features"] = _features(v["features"])
         v["main_feature"] = main_feature(v["features"])

@@ -165,3 +165,13 @@ def test_preprocess_leaves_nothing_half_written(tmp_path, work, fails):
     (work / "file").touch()
     code, _ = fails(preprocess.main, ["hdr", "-D", "data", "-t", "train", "-P", "file"])
     assert code == 5 and len(list(Path("preproc").iterdir())) == 1
+
+
+def test_a_slash_at_the_end_of_a_name_is_no_part_of_it(raw, work):
+    """As shells complete names of folders: preprocessed sets were hidden folders within folders."""
+    preprocess.main(["hdr", "-D", str(raw), "-t", "train/"])
+    (folder,) = Path("preproc").iterdir()
+    assert folder.name.startswith("train.") and (folder / "images.tza").exists()
+    for name in "train", "./train/":
+        s = parse("train", ["hdr", "-t", name, "-r", "a/"])
+        assert find_stored(s, s.train_data).folders == (folder,) and s.result == "a"
