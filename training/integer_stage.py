@@ -69,8 +69,6 @@ def quantize(tensors: dict[str, torch.Tensor], settings: Settings, pictures: lis
         raise ToolError("--prune is for family K", USAGE)
     codes = [middle(x) for x in spread_codes(pictures, CALIBRATION)]
     model = float_model(arrays, settings.result)
-    if model.outputs != 3 or settings.main_feature == "sh1":
-        raise ToolError(f"{settings.main_feature}: there are no integer models of it", STATE)
     inputs = [np.pad(x, ((0, -x.shape[0] % 16), (0, -x.shape[1] % 16), (0, 0))) for x in codes]
     top = transfer_top(CONTENTS.get((settings.main_feature, settings.transfer), "ldr"))
     return Quantizer(model, inputs, Options(input_top=top, output_top=top)).run()
@@ -195,6 +193,8 @@ def integer_weights(result: Result, settings: Settings) -> dict[str, np.ndarray]
     """Tensors of the integer model of a result: of its own stage where that belongs to the wanted
     checkpoint, else quantised now."""
     model, trained, _ = load_model(result, settings.num_epochs, settings.best, settings.weights)
+    if others := sorted({"sh1", "z"} & set(trained.features)):
+        raise ToolError(f"{settings.result}: there are no integer models of {others[0]}", STATE)
     tensors = model.state_dict()
     stage = read_stage(result)
     if stage and stage["tensors"] is not None and stage["same"]["weights"] == fingerprint(tensors):

@@ -212,9 +212,8 @@ def derive(script: str, v: dict[str, Any]) -> dict[str, Any]:
         if v.get("large_tiles") and v["batch_size"] % (4 * v["num_devices"]):
             raise ToolError(f"--large_tiles: a quarter of --batch_size {v['batch_size']} does not "
                             f"divide by --num_devices {v['num_devices']}", USAGE)
-        if v.get("quantize_aware") and v["main_feature"] in ("sh1", "z"):
-            raise ToolError("--quantize_aware: there are no integer models of "
-                            f"{v['main_feature']}", USAGE)
+        if v.get("quantize_aware") and (others := sorted({"sh1", "z"} & set(v["features"]))):
+            raise ToolError(f"--quantize_aware: there are no integer models of {others[0]}", USAGE)
         if v["seed"] is None:
             v["seed"] = time.time_ns() % (1 << 31)
     if script in ("infer", "export", "visualize") and not v["result"]:

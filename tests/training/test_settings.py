@@ -131,6 +131,7 @@ def test_data_sets_follow_each_other():
     ("train", ["hdr", "-e", "0"]), ("train", ["hdr", "--time-budget", "soon"]),
     ("train", ["hdr", "-l", "nope"]), ("train", ["hdr", "--epoch", "3"]),
     ("train", ["sh1", "--quantize_aware", "5"]), ("train", ["z", "--quantize_aware", "5"]),
+    ("train", ["hdr", "z", "--quantize_aware", "5"]),
     ("preprocess", ["hdr", "--shard", "2/2"]), ("preprocess", ["hdr", "--layers", "alb"]),
     ("infer", []), ("visualize", []), ("export", ["-r", "x", "nothing"]),
     ("compare_image", ["a"]), ("split_exr", [])])

@@ -227,3 +227,18 @@ def test_why_a_checkpoint_cannot_be_written_is_told(work):
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
     assert not list(work.iterdir())
+
+
+@pytest.mark.parametrize("features", [["z"], ["hdr", "z"]])
+def test_there_are_no_integers_with_depth(work, fails, features):
+    """Neither of it nor beside it, as no program takes them, be the data there or not."""
+    for version in "4", "ref":
+        image = picture(0)["hdr"]
+        write_features(Path("data/train"), f"p_{version}", {"hdr": image})
+        write_image(Path(f"data/train/p_{version}.z.exr"), image[..., :1])
+    train.main([*features, "-D", "data", "-t", "train", "--raw", "-r", "a", "-e", "1", *QUICK])
+    for name in "data", "gone":
+        code, message = fails(export.main, ["-r", "a", "--int8"])
+        assert code == 4 and message.endswith("a: there are no integer models of z")
+        if name == "data":
+            Path("data").rename("gone")
