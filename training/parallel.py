@@ -206,7 +206,9 @@ def _member(rank: int, work, settings: Settings, world: int, local: int) -> None
                             world_size=world, timeout=PATIENCE)
     team = Team(rank, world, device)
     try:
-        work(settings, team)
+        seed = torch.tensor(settings.seed)  # on the CPU
+        dist.broadcast(seed, 0)  # where none was given torchrun's processes took their clocks'
+        work(settings.replace(seed=int(seed)), team)
         team.wait()  # nobody leaves while another may still need it
     finally:
         dist.destroy_process_group()

@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 
@@ -31,16 +32,22 @@ print(sorted(t.read_text().strip() for t in Path("/proc/self/task").glob("*/comm
 """
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="optional: reads /proc")
-def test_closed_group_leaves_no_threads(root, tmp_path):
-    """Threads of gloo that are left while the interpreter ends abort it, now and then."""
-    (tmp_path / "member.py").write_text(MEMBER)
+def by_torchrun(script: str, root, tmp_path) -> str:
+    """What two processes print."""
+    (tmp_path / "member.py").write_text(script)
     env = dict(os.environ, PYTHONPATH=str(root), OMP_NUM_THREADS="1")
     run = subprocess.run([sys.executable, "-m", "torch.distributed.run", "--nproc_per_node=2",
                           f"--master_port={port()}", str(tmp_path / "member.py")],
                          env=env, capture_output=True, text=True, timeout=600)
     assert run.returncode == 0, run.stderr
-    assert run.stdout.count("[") == 2 and "gloo" not in run.stdout
+    return run.stdout
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="optional: reads /proc")
+def test_closed_group_leaves_no_threads(root, tmp_path):
+    """Threads of gloo that are left while the interpreter ends abort it, now and then."""
+    said = by_torchrun(MEMBER, root, tmp_path)
+    assert said.count("[") == 2 and "gloo" not in said
 
 
 def test_graphs_are_for_gpus():
@@ -71,13 +78,27 @@ parallel.launch(work, parse("train", ["hdr", "--threads", "1", "-d", "cpu", "-b"
 
 def test_processes_wait_for_what_one_does_alone(root, tmp_path):
     """However long, as validations and the integer stage are."""
-    (tmp_path / "member.py").write_text(SHORT)
-    env = dict(os.environ, PYTHONPATH=str(root), OMP_NUM_THREADS="1")
-    run = subprocess.run([sys.executable, "-m", "torch.distributed.run", "--nproc_per_node=2",
-                          f"--master_port={port()}", str(tmp_path / "member.py")],
-                         env=env, capture_output=True, text=True, timeout=600)
-    assert run.returncode == 0, run.stderr
-    assert run.stdout.count("waited") == 2
+    assert by_torchrun(SHORT, root, tmp_path).count("waited") == 2
+
+
+SEEDS = """
+import os
+from training import parallel
+from training.settings import parse
+
+given = ["-s", str(2**62 + 1)] if "-s" in os.environ["SEEDS"] else []
+parallel.launch(lambda settings, team: print(f"<{settings.seed}>\\n", end=""),
+                parse("train", ["hdr", "--threads", "1", "-d", "cpu", "-b", "2", *given], ""))
+"""
+
+
+@pytest.mark.parametrize("given", ["", "-s"])
+def test_processes_have_one_seed(root, tmp_path, monkeypatch, given):
+    """Without --seed each took its own clock's, and so began with another model."""
+    monkeypatch.setenv("SEEDS", given)
+    seeds = re.findall(r"<(\d+)>", by_torchrun(SEEDS, root, tmp_path))
+    assert len(seeds) == 2 and len(set(seeds)) == 1
+    assert not given or seeds[0] == str(2**62 + 1)
 
 
 def test_an_interrupted_process_says_so(monkeypatch, capsys):
