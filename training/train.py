@@ -77,6 +77,9 @@ def worker(settings: Settings, team: parallel.Team) -> None:
     say(f"Device: {team.device} x {team.world}")
     result = Result(settings.results_dir, settings.result)
     resuming = result.exists()
+    if team.same(resuming) != resuming:
+        raise ToolError(f"{result.folder}: not what the first process finds there; --results_dir "
+                        "must be one folder for all machines", STATE)
     if resuming:
         settings = agree(settings, result.config(), say)
 

@@ -10,14 +10,14 @@ import pytest
 import torch
 
 from tests.training.test_train import port
-from training import parallel
+from training import parallel, train
 from training.errors import ToolError
 from training.settings import parse
 
 MEMBER = """
 import torch
 from pathlib import Path
-from training import parallel
+from training import parallel, train
 from training.settings import parse
 
 def work(settings, team):
@@ -63,7 +63,7 @@ from datetime import timedelta
 import torch.distributed.distributed_c10d as c10d
 c10d.default_pg_timeout = timedelta(seconds=1)
 import time
-from training import parallel
+from training import parallel, train
 from training.settings import parse
 
 def work(settings, team):
@@ -83,7 +83,7 @@ def test_processes_wait_for_what_one_does_alone(root, tmp_path):
 
 SEEDS = """
 import os
-from training import parallel
+from training import parallel, train
 from training.settings import parse
 
 given = ["-s", str(2**62 + 1)] if "-s" in os.environ["SEEDS"] else []
@@ -122,3 +122,12 @@ def test_batches_are_shared_out_by_torchrun(monkeypatch, arguments, text):
     monkeypatch.setattr(parallel.dist, "init_process_group", lambda *_, **__: pytest.fail("late"))
     with pytest.raises(ToolError, match=text):
         parallel.launch(lambda *_: None, parse("train", ["hdr", "-d", "cpu", *arguments]))
+
+
+def test_all_processes_resume_or_none(work):
+    """Where machines have folders of their own, some would begin anew beside others that go on."""
+    team = parallel.Team(1, 1, torch.device("cpu"))
+    team.same = lambda value: 1.0  # the first one resumes
+    settings = parse("train", ["hdr", "--raw", "-t", "train", "-r", "a"])
+    with pytest.raises(ToolError, match="--results_dir must be one folder for all machines"):
+        train.worker(settings, team)
