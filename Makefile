@@ -5,6 +5,7 @@
 #   make train-demo     from nothing to a denoiser: scenes, training, export, check (half an hour)
 #   make check          every test (as root it installs the Debian packages that they need)
 #   make wasm           build/wasm/bin: lull.wasm, lull.mjs, ..., for browsers (clang, lld, wasi-libc)
+#   make amalgamation   build/amalgamation: the core as lull.c and lull.h, to be vendored
 #   make install        DESTDIR= prefix=/usr/local libdir= includedir= ... (uninstall: the same settings)
 #   make conform        every port of this CPU against the scalar one, and its speed
 #   make peer           outputs beside the real Open Image Denoise (Python package pyoidn)
@@ -353,6 +354,13 @@ $(BUILD)/test/$(1)$(EXE): $(call object,$(TEST_$(1)_SOURCES)) $(LIBOIDN)
 	$$(call say,LINK,$$@)$$(call link,$$^) $$(APP_LIBS) $(TEST_$(1)_LIBS)
 endef
 $(foreach t,$(TESTS),$(eval $(call test_rules,$(t))))
+
+# ---- One file ------------------------------------------------------------------------------------
+
+.PHONY: amalgamation
+amalgamation: $(BUILD)/gen/weights.c
+	@$(PYTHON) -m lib.amalgamate $(BUILD)/amalgamation $<
+	@echo '$(BUILD)/amalgamation: lull.c lull.h, with the built-in models lull_weights.c lull_weights.h'
 
 # ---- Demo and tests ------------------------------------------------------------------------------
 

@@ -12,7 +12,8 @@
 
 #include "kernels.h"
 
-#if defined(FLT_EVAL_METHOD) && FLT_EVAL_METHOD != 0
+/* 16: floats as they are, beside a type of 16 bits. */
+#if defined(FLT_EVAL_METHOD) && FLT_EVAL_METHOD != 0 && FLT_EVAL_METHOD != 16
 #error "single arithmetic with excess precision: use SSE on x86, -fexcess-precision=fast on s390x"
 #endif
 

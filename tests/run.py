@@ -38,7 +38,7 @@ SKIPPED = 77  # exit status of a script that is skipped as a whole
 OPTIONAL = "optional: "
 FIRST = ("rules", "unit", "training")  # telling, and what takes longest; the others follow by name
 # Other compilers and other processors, half of all the work: what --budget leaves out.
-LAST = ("golden (pytest)", "test_cross", "test_windows")
+LAST = ("golden (pytest)", "test_amalgamation", "test_cross", "test_windows")
 
 
 @dataclass

@@ -15,6 +15,7 @@ INCLUDE = re.compile(r'^[ \t]*#[ \t]*(?:include|define[ \t]+TEMPLATE)[ \t]*(["<]
 
 # What a module of lib/ (its .c and .h) may include beside its own header, base.h and lull.h.
 LIB = {
+    "amalgamation": set(),
     "base": set(),
     "lull": set(),
     "status": set(),
