@@ -1,5 +1,6 @@
 #include "temporal.h"
 
+#include <float.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -10,7 +11,8 @@ enum {
     REACH = 4,    /* of the window that change is looked for in */
     ROWS = 2 * REACH + 1,
     SUMS = 3,    /* of pixels, differences, squares */
-    MOVING = 100 /* pixels that tell the signs of vectors for good */
+    MOVING = 100, /* pixels that tell the signs of vectors for good */
+    PASSES = 16   /* of the mean: one brings it to a 25th where 1 % are lamps */
 };
 #define GUIDE_LIMIT 51  /* features differ more than that: another thing. 0.2 of either */
 #define STILL_AGE 3.0f  /* frames before that count where nothing moves, ... */
@@ -221,11 +223,13 @@ static void prepare_row(const mixing *m, size_t y)
                 GUIDE_LIMIT)
             continue;
         fetch(moved + x * channels, t, (float)x + mx, (float)y + my);
+        before = light_of(moved + x * channels, channels);
+        now = light_of(m->here + x * channels, channels);
+        if (!isfinite(before) || !isfinite(now)) /* halves end at 65504 */
+            continue;
         most = STILL_AGE + (MOVING_AGE - STILL_AGE) * (far < 1 ? far : 1);
         share[x] = (float)t->age[pixel] * (1.0f / AGE_ONE);
         share[x] = share[x] < most ? share[x] : most;
-        before = light_of(moved + x * channels, channels);
-        now = light_of(m->here + x * channels, channels);
         d = light_of(m->noisy + x * channels, channels);
         if (!isfinite(d))
             continue;
@@ -267,12 +271,21 @@ static void finish_row(const mixing *m, size_t y, float *column)
     image_set_row(m->result, y, m->here);
 }
 
+/* Mean of some of an image's values, to which none adds more than four times the mean: lamps are
+ * few, and may be a million times as bright as what they shine on. */
 static float mean_light(const image *img)
 {
-    double sum = 0;
-    for (size_t i = 0, n = image_count(img); i < n; i++)
-        sum += image_get(img, i);
-    return (float)(sum / (double)image_count(img));
+    const size_t count = image_count(img), step = count / 100000 + 1;
+    float mean = FLT_MAX / 4;
+    for (int pass = 0; pass < PASSES; pass++) {
+        double sum = 0, n = 0;
+        for (size_t i = 0; i < count; i += step, n++) {
+            float v = image_get(img, i);
+            sum += v > 0 ? v < 4 * mean ? v : 4 * mean : 0;
+        }
+        mean = (float)(sum / n);
+    }
+    return mean;
 }
 
 /* 1 if the frame before is there, and of the same kind. */

@@ -98,6 +98,20 @@ def test_light_that_changes_is_followed(denoise, work):
         assert ((steady[k] - clean[k]) ** 2).mean() < 1.3 * ((alone[k] - clean[k]) ** 2).mean()
 
 
+def test_lamps_do_not_hide_what_changes(denoise, work):
+    """Few pixels that are as bright as lamps are."""
+    light = [1, 1, 1, 4, 4, 4]
+    write_frames(work, [0.0] * FRAMES, light=light)
+    for k in range(FRAMES):
+        noisy = t.read_pfm(work / f"c{k}.pfm").copy()
+        noisy[:3, :40] = 1e7
+        t.write_pfm(work / f"c{k}.pfm", noisy)
+    alone = results(work, denoise)
+    steady = results(work, denoise, "--temporal", *STILL)
+    part = np.s_[20:]
+    assert abs(steady[3][part].mean() / alone[3][part].mean() - 1) < 0.05
+
+
 def test_a_cut_takes_nothing_over(denoise, work):
     pans = [0.0, 0.0, float(WIDTH)]  # another place altogether
     write_frames(work, pans)
@@ -158,6 +172,21 @@ def test_values_that_are_no_numbers(denoise, work):
     steady = results(work, denoise, "--temporal", "--motion", "m#.pfm", frames="0-2")
     assert all(np.isfinite(image).all() for image in steady)
     assert np.array_equal(steady[1][:30], alone[1][:30])
+
+
+def test_results_that_are_infinite(denoise, work):
+    """Halves end at 65504: what is brighter is infinite, and stays alone."""
+    write_frames(work, [0.0] * 3)
+    for k in range(3):
+        noisy = t.read_pfm(work / f"c{k}.pfm").copy()
+        noisy[40:60, 40:60] = 1e6
+        t.write_pfm(work / f"c{k}.pfm", noisy)
+    options = ("-t", "half", "--is", "0.1")
+    alone = results(work, denoise, *options, frames="0-2")
+    steady = results(work, denoise, *options, "--temporal", *STILL, frames="0-2")
+    assert any(np.isinf(image).any() for image in alone)
+    for a, s in zip(alone, steady):
+        assert np.array_equal(np.isinf(a), np.isinf(s)) and not np.isnan(s).any()
 
 
 @pytest.mark.parametrize("layer", ["Vector", "ViewLayer.Vector", "motionvector", "velocity"])
