@@ -26,7 +26,7 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["Cancelled", "Denoiser", "Error", "denoise", "library"]
+__all__ = ["Cancelled", "Denoiser", "Error", "denoise", "load_library"]
 
 QUALITIES = {"default": 0, "fast": 4, "balanced": 5, "high": 6, "auto": 100}
 FORMATS = {np.dtype(np.float32): 0, np.dtype(np.float16): 256}  # and the number of channels
@@ -70,7 +70,7 @@ _loaded: ctypes.CDLL | None = None
 _lock = threading.Lock()
 
 
-def library() -> ctypes.CDLL:
+def load_library() -> ctypes.CDLL:
     """The library, loaded at the first call. Raises ImportError if there is none."""
     global _loaded
     with _lock:
@@ -170,7 +170,7 @@ class Denoiser:
         self._lock = threading.Lock()
         self._had: set[str] = set()
         self._pid = os.getpid()
-        self._lib = lib = library()
+        self._lib = lib = load_library()
         self._device = lib.oidnNewDevice(1)
         self._check()
         if threads:

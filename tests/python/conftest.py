@@ -26,5 +26,5 @@ def lull(root: Path, library: Path) -> ModuleType:
         module = importlib.util.module_from_spec(spec)
         sys.modules["lull"] = module
         spec.loader.exec_module(module)
-        module.library()
+        module.load_library()
     return module

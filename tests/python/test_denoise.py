@@ -284,7 +284,7 @@ def test_children_of_a_fork(library, root):
 
 def test_a_missing_library_is_named(root, tmp_path):
     for path, text in ((tmp_path / "none.so", "no library"), (Path(__file__), "test_denoise.py")):
-        done = subprocess.run([sys.executable, "-c", "import lull; lull.library()"],
+        done = subprocess.run([sys.executable, "-c", "import lull; lull.load_library()"],
                               capture_output=True, text=True,
                               env={**os.environ, "PYTHONPATH": str(root / "python"),
                                    "LULL_LIBRARY": str(path)})
