@@ -7,20 +7,7 @@ build=${LULL_BUILD:-$root/build}
 CC=${CC:-cc}
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
-passed=0
-failed=0
-skipped=0
-
-ok() { passed=$((passed + 1)); }
-bad() {
-    echo "FAIL $1"
-    [ ! -f "$work/log" ] || tail -20 "$work/log"
-    failed=$((failed + 1))
-}
-skip() {
-    echo "SKIP $1: $2"
-    skipped=$((skipped + 1))
-}
+. "$root/tests/counts.sh"
 
 # $1 test, the rest a command
 try() {
@@ -53,7 +40,7 @@ END
 prefix=/opt/some/place
 try "make install" "${MAKE:-make}" -C "$root" --no-print-directory install BUILD="$build" \
     DESTDIR="$work/stage" prefix="$prefix"
-[ "$failed" = 0 ] || { echo "$passed passed, $failed failed, $skipped skipped"; exit 1; }
+[ "$failed" = 0 ] || finish
 tree=$work/stage$prefix
 for file in include/lull.h include/OpenImageDenoise/oidn.h include/OpenImageDenoise/oidn.hpp \
     include/OpenImageDenoise/config.h include/OpenImageDenoise/namespace.h \
@@ -217,5 +204,4 @@ if [ "$left" = "$tree/lib/of-somebody-else" ]; then ok; else bad "uninstall left
 try "uninstall twice" "${MAKE:-make}" -C "$root" --no-print-directory uninstall BUILD="$build" \
     DESTDIR="$work/stage" prefix="$prefix"
 
-echo "$passed passed, $failed failed, $skipped skipped"
-[ "$failed" = 0 ]
+finish

@@ -11,25 +11,9 @@ CC=${CC:-cc}
 cd "$root" || exit 1
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
-passed=0 failed=0 skipped=0
+. tests/counts.sh
 weights="weights/rt_hdr_alb_nrm_w16.tza tests/golden/int_unet_9_aux/weights.tza
 tests/golden/unet_3_narrow/weights.tza"
-
-ok() { passed=$((passed + 1)); }
-bad() {
-    echo "FAIL $1"
-    [ ! -f "$work/log" ] || tail -20 "$work/log"
-    failed=$((failed + 1))
-}
-skip() {
-    echo "SKIP $1: optional: $2"
-    skipped=$((skipped + 1))
-}
-finish() {
-    echo "$passed passed, $failed failed, $skipped skipped"
-    [ "$failed" = 0 ]
-    exit
-}
 
 # $1 test, the rest a command
 try() {
@@ -84,7 +68,7 @@ sed -n 's/^[a-z].*[ *]\(lull_[a-z_]*\)(.*/T \1/p' "$work/one/lull.h" | sort >"$w
 
 for compiler in gcc clang; do
     if ! command -v "$compiler" >/dev/null 2>&1; then
-        skip "$compiler" "it is not installed"
+        skip "$compiler" "optional: it is not installed"
         continue
     fi
     for standard in "" "-std=c99 -O1"; do
@@ -103,9 +87,9 @@ done
 # Targets whose gcc would contract products and sums, and ports that need flags there.
 while read -r compiler emulator package ports; do
     if ! command -v "$compiler" >/dev/null 2>&1; then
-        skip "$compiler" "it is missing (Debian: $package)"
+        skip "$compiler" "optional: it is missing (Debian: $package)"
     elif ! command -v "$emulator" >/dev/null 2>&1; then
-        skip "$compiler" "$emulator is missing (Debian: qemu-user)"
+        skip "$compiler" "optional: $emulator is missing (Debian: qemu-user)"
     elif try "$compiler" compile "$work/lull.o" "$compiler"; then
         try "program of $compiler" link "$work/program" "$compiler" "$work/lull.o" -static \
             -Wl,-u,getauxval && try "$emulator" run "$work/found" "$emulator" "$work/program" ||

@@ -12,25 +12,10 @@ folder=$build/cross-windows
 prefix=x86_64-w64-mingw32
 programs="test_transfer test_image test_exposure test_tza test_device test_buffer test_filter
 test_images test_async test_release"
-passed=0 failed=0 skipped=0
-
-ok() { passed=$((passed + 1)); }
-bad() {
-    echo "FAIL $1"
-    failed=$((failed + 1))
-}
-skip() {
-    echo "SKIP $1: optional: $2"
-    skipped=$((skipped + 1))
-}
-finish() {
-    echo "$passed passed, $failed failed, $skipped skipped"
-    [ "$failed" = 0 ]
-    exit
-}
+. tests/counts.sh
 
 if ! command -v $prefix-gcc >/dev/null 2>&1; then
-    skip build "$prefix-gcc is missing (Debian: gcc-mingw-w64-x86-64)"
+    skip build "optional: $prefix-gcc is missing (Debian: gcc-mingw-w64-x86-64)"
     finish
 fi
 mkdir -p "$folder"
@@ -55,7 +40,7 @@ for name in wine64 wine /usr/lib/wine/wine64; do
     fi
 done
 if [ -z "$wine" ]; then
-    skip run "wine is not installed (Debian: wine64)"
+    skip run "optional: wine is not installed (Debian: wine64)"
     finish
 fi
 WINEPREFIX=$(cd "$folder" && pwd)/wine
