@@ -15,8 +15,8 @@
 typedef struct denoise_settings {
     device_settings device;
     const char *filter;
-    const char *files[4];  /* color, albedo, normal, motion (image_role); NULL: none */
-    const char *layers[4]; /* --layer, NULL: by the usual names; "none": leave it out */
+    const char *files[IMAGE_ROLES];  /* color, albedo, normal, motion (image_role); NULL: none */
+    const char *layers[IMAGE_ROLES]; /* --layer, NULL: by the usual names; "none": leave it out */
     const char *weights, *reference, *frames;
     const char *outputs[MAX_OUTPUTS];
     int output_count;
@@ -39,9 +39,9 @@ void denoise_print_help(void);
 
 /* The images of one frame. */
 typedef struct denoise_inputs {
-    image images[4]; /* image_role; empty ones have no pixels */
-    char *paths[4];  /* malloc */
-    int is_found[4]; /* found in the colour's file, not asked for: may be left out again */
+    image images[IMAGE_ROLES]; /* image_role; empty ones have no pixels */
+    char *paths[IMAGE_ROLES];  /* malloc */
+    int is_found[IMAGE_ROLES]; /* in the colour's file, not asked for: may be left out again */
     int has_light;   /* what is called as an albedo may be is light, and left out */
     image_role main; /* the one to be denoised */
 } denoise_inputs;

@@ -14,7 +14,7 @@ int denoise_is_signed(const denoise_settings *settings, image_role role)
 
 void denoise_inputs_free(denoise_inputs *inputs)
 {
-    for (int i = 0; i < 4; i++) {
+    for (int i = 0; i < IMAGE_ROLES; i++) {
         image_destroy(&inputs->images[i]);
         free(inputs->paths[i]);
     }
@@ -109,7 +109,7 @@ static int is_sought(const denoise_settings *settings, image_role role)
 /* All images of the frame. */
 static exit_code load_all(denoise_inputs *inputs, const denoise_settings *settings, int frame)
 {
-    for (int i = 0; i < 4; i++) {
+    for (int i = 0; i < IMAGE_ROLES; i++) {
         image_role role = (image_role)i;
         exit_code code = EXIT_OK;
         if (settings->files[role])
@@ -136,7 +136,7 @@ static exit_code load_all(denoise_inputs *inputs, const denoise_settings *settin
 static exit_code check_aligned(const denoise_inputs *inputs)
 {
     exit_code code = EXIT_OK;
-    for (int i = 0; i < 4 && !code; i++)
+    for (int i = 0; i < IMAGE_ROLES && !code; i++)
         if (inputs->images[i].pixels)
             code = image_check_aligned(&inputs->images[i], inputs->paths[i],
                                        &inputs->images[inputs->main], inputs->paths[inputs->main]);
@@ -146,7 +146,7 @@ static exit_code check_aligned(const denoise_inputs *inputs)
 static void tell(const denoise_inputs *inputs, json *report)
 {
     const image *main = &inputs->images[inputs->main];
-    for (int i = 0; i < 4; i++) {
+    for (int i = 0; i < IMAGE_ROLES; i++) {
         const image *img = &inputs->images[i];
         const char *role = layers_role_name((image_role)i);
         if (!img->pixels)

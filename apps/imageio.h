@@ -80,7 +80,8 @@ typedef enum image_role {
     IMAGE_COLOR,
     IMAGE_ALBEDO,
     IMAGE_NORMAL,
-    IMAGE_MOTION
+    IMAGE_MOTION,
+    IMAGE_ROLES
 } image_role;
 
 typedef struct image_request {
