@@ -3,10 +3,10 @@
 
     python -m export.bilateral IN.tza OUT.tza
 
-The filter's steps 6 to 8, some of the input in 9, and the grain of the albedo, which goes before
-the network (docs/kernel-prediction.md), have no trained weights: a file asks for them by the tensor
-`bilateral.scale`, a single 3, or 1 for 6, 8 and 9, or 2 for 6 and 9. IN and OUT: .tza, integer;
-they may be the same.
+The filter's steps 6 to 8, averages along edges and some of the input in 9, and the grain of the
+albedo, which goes before the network (docs/kernel-prediction.md), have no trained weights: a file
+asks for them by the tensor `bilateral.scale`, a single 3, or 1 for 6, 8 and 9, or 2 for 6 and 9. IN
+and OUT: .tza, integer; they may be the same.
 """
 from __future__ import annotations
 

@@ -24,22 +24,34 @@ def spacing(height: int, width: int) -> int:
     return step
 
 
-def calm_share(radiance: np.ndarray) -> np.float32:
-    """Share of calm cells of exposed radiance [H,W,3], float32 in [0, 1]."""
-    light = (radiance[..., 0] + radiance[..., 1]) + radiance[..., 2]
-    h, w = light.shape
-    step = spacing(h, w)
-    ys, xs = (np.arange(0, n - SIDE, step)[:, None] for n in (h, w))
+def cells_of(image: np.ndarray) -> np.ndarray:
+    """Sums of the channels of an image [H,W,3] in cells, [rows,columns,SIDE+1,SIDE+1]."""
+    light = (image[..., 0] + image[..., 1]) + image[..., 2]
+    step = spacing(*light.shape)
+    ys, xs = (np.arange(0, n - SIDE, step)[:, None] for n in light.shape)
     ends = np.arange(SIDE + 1)
-    cells = light[(ys + ends)[:, None, :, None], (xs + ends)[None, :, None, :]]
+    return light[(ys + ends)[:, None, :, None], (xs + ends)[None, :, None, :]]
+
+
+def details_of(radiance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Detail of cells of exposed radiance [H,W,3], and what it is relative to."""
+    cells = cells_of(radiance)
     across = cells[..., :-1] - cells[..., 1:]
     detail, base = np.zeros(cells.shape[:2], F), np.zeros(cells.shape[:2], F)
     for y in range(SIDE):
         for x in range(SIDE):
             detail = detail + np.abs(across[..., y, x] - across[..., y + 1, x])
             base = base + cells[..., y, x]
-    detail, base = detail * DETAIL_GAIN, base + DETAIL_EPS
+    return detail * DETAIL_GAIN, base + DETAIL_EPS
+
+
+def share_of(part: np.ndarray, whole: np.ndarray) -> np.float32:
+    """How many of the whole, of which there may be none, are the part."""
+    return F(part.sum()) * (F(1) / F(max(whole.sum(), 1)))
+
+
+def calm_share(radiance: np.ndarray) -> np.float32:
+    """Share of calm cells of exposed radiance [H,W,3], float32 in [0, 1]."""
+    detail, base = details_of(radiance)
     counts = detail >= base * LEAST_DETAIL
-    calm = counts & (detail < base * MOST_DETAIL)
-    n = F(counts.sum())
-    return F(calm.sum()) * (F(1) / n) if n else F(0)
+    return share_of(counts & (detail < base * MOST_DETAIL), counts)

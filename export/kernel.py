@@ -14,6 +14,7 @@ import numpy as np
 
 from export import pixels
 from export.calm import calm_share
+from export.edges import averaged, ragged
 from export.grain import without_grain
 from export.graph import ALIGN, NETS_DEF, Layer, ModelError, Net, read_nets
 from export.reference import NARROW_MAX, FloatModel, IntLayer, IntModel, _tensor, check_layer
@@ -243,10 +244,11 @@ def padded(codes: np.ndarray) -> np.ndarray:
 
 def apply_filter(heads: list[np.ndarray], radiance: np.ndarray, albedo: np.ndarray | None,
                  normal: np.ndarray | None = None, guide: np.ndarray | None = None,
-                 bilateral: int = 0, clipped: bool = False) -> np.ndarray:
+                 bilateral: int = 0, clipped: bool = False,
+                 raggedness: float = 0.0) -> np.ndarray:
     """Filtered radiance [H,W,3]. heads: codes by level, of the padded size; bilateral: a value of
     BILATERAL or 0; guide: of guide_of, if it is not 0; clipped: the radiance was, so that it lacks
-    light itself."""
+    light itself; raggedness: of export.edges."""
     table = weight_table()
     smooth = np.ones_like(radiance)
     if albedo is not None:
@@ -276,7 +278,8 @@ def apply_filter(heads: list[np.ndarray], radiance: np.ndarray, albedo: np.ndarr
             out = regressed(out, smooth, features_of(even, smooth), radiance)
         if steps.corrects and not clipped:
             out = corrected(out, smooth, noise, radiance)
-        result = pixels.sanitize(out * smooth, 1.0, 0.0, pixels.MAX)
+        result = averaged(np.fmax(out * smooth, F(0)), F(raggedness))
+        result = pixels.sanitize(result, 1.0, 0.0, pixels.MAX)
         return mixed(result, noise, radiance, albedo is None and normal is None,
                      calm_share(radiance))
     return out * smooth
@@ -304,12 +307,13 @@ def run_frame(model: IntTrunk, frame: pixels.Frame, channels: int = 3) -> np.nda
             aux[f] = without_black(v) if f == "albedo" else v
     codes = encode(r, aux["albedo"], aux["normal"], not rule.is_hdr)
     guide = guide_of(codes)
+    raggedness = ragged(np.minimum(r, RADIANCE_MAX), aux["albedo"])
     if aux["albedo"] is not None and model.bilateral and LAST_STEPS[model.bilateral].cleans:
         aux["albedo"] = without_grain(aux["albedo"], codes)
         codes = encode(r, aux["albedo"], aux["normal"], not rule.is_hdr)
     maps = model.maps(padded(codes))
     v = apply_filter([maps[n] for n in model.net.heads], r, aux["albedo"], aux["normal"], guide,
-                     model.bilateral, not rule.is_hdr)
+                     model.bilateral, not rule.is_hdr, raggedness)
     v = pixels.sanitize(v, 1.0, 0.0, pixels.MAX)
     v = pixels.srgb_forward(v) if frame.content == "srgb" and not rule.is_signed else v
     return frame.stored(v, channels)

@@ -1,6 +1,6 @@
-/* The last steps of family K's filter (docs/kernel-prediction.md, steps 6 to 8): averages along
- * surfaces whose light is even, and light that the result lacks. Models have them whose files ask
- * for them.
+/* The last steps of family K's filter (docs/kernel-prediction.md, steps 6 to 9): averages along
+ * surfaces whose light is even, and along edges, and light that the result lacks. Models have them
+ * whose files ask for them.
  *
  * noise: codes, whole numbers of at most 255, of pixels' noise: LULL_NOISE_CODES (D / (C (F +
  *     LULL_NOISE_EPSILON))) + 0.5, where D = (|V(r) - C f(r)| + |V(g) - C f(g)|) + |V(b) - C f(b)|
@@ -27,6 +27,12 @@
  *     LULL_BALANCE_EPSILON and q = (R - V) (1 / L), or max(2 LULL_MOST_LACKING - q, 0) if that is
  *     less: q, q q, (V (1 / L)) w, where w = min(noise code * LULL_NOISE_SHARE, 1), and
  *     min(max(q - LULL_SPARK, 0), 1), a count of sparks; 4 planes.
+ *
+ * edges: with P = max(v smooth, 0), light L = (P(r) + P(g)) + P(b), and of the lines left and
+ *     right, above and below, above left and below right, above right and below left the first that
+ *     changes least (lull_edge_change), whose ends are a and b: S(P + share ((P(a) + P(b)) - (P +
+ *     P)), 1, 0, FLT_MAX) unscale (kernels.h), lull_edge_share of the least and the most that one
+ *     changes. Columns and rows on all sides are there; out is an image.
  */
 #ifndef LULL_BILATERAL_H
 #define LULL_BILATERAL_H
@@ -79,6 +85,22 @@ typedef struct lull_regression {
     size_t out_plane, v_plane, smooth_plane, normal_plane, plane; /* plane: of the coefficients */
     unsigned pixels;
 } lull_regression;
+
+/* Pixels of a row of the result, and rows above and below, 3 planes each, and of the divisor. */
+typedef struct lull_edging {
+    float *out; /* an image */
+    const float *v[3], *smooth[3];
+    size_t v_plane, smooth_plane;
+    float strength, unscale;
+    unsigned pixels;
+} lull_edging;
+
+/* Lines through a pixel, to (x, y) and (-x, -y). */
+#define LULL_EDGE_LINES 4u
+static const int8_t lull_edge_lines[LULL_EDGE_LINES][2] = {{1, 0}, {0, 1}, {1, 1}, {-1, 1}};
+
+/* Pixel i alone: for the last ones of a row, which are no vector (filter.c). */
+void lull_edge_pixel(const lull_edging *edging, ptrdiff_t i);
 
 /* Pixels of a row of the smoothed result, 3 planes, and what belongs to them; sums lie in planes,
  * sum_plane apart. */

@@ -118,7 +118,7 @@ static void take_turns(lull_group *g, lull_task *t, unsigned batch, unsigned l, 
     g->layers = next - l;
     g->chunks = (width + g->chunk - 1) / g->chunk;
     g->stores = next == graph->layers && plan->strips == 1 && plan->stored == g->first &&
-                lull_plan_rows(plan, l) == 1;
+                lull_plan_rows(plan, l) == 1 && !(lull_plan_edges(plan) > 0.0f);
 }
 
 /* Handing a loop to threads and waiting for them takes about as long as the blending of so many
@@ -198,7 +198,7 @@ static int advance(lull_task *t, unsigned base_row, const lull_host *host)
     }
     if (!keep_going(t, host))
         return 0;
-    ready = lull_min_u(lull_plan_done(plan, layers), plan->frame.height);
+    ready = lull_min_u(lull_plan_ready(plan, lull_plan_edges(plan) > 0.0f), plan->frame.height);
     t->first = plan->stored;
     t->chunk = lull_plan_band(plan);
     make_rows(t, host, ready - t->first, t->end - t->begin, lull_exec_store);
@@ -294,23 +294,31 @@ static void calm_task(void *context, unsigned index, unsigned worker)
 }
 
 /* After the scale. */
-static float choose_calm(lull_task *t, const lull_host *host)
+static void choose_calm(lull_task *t, const lull_host *host)
 {
     lull_plan *plan = t->plan;
+    const lull_images *images = t->images;
     unsigned rows = lull_exposure_rows(plan->frame.height);
-    if (!lull_is_nan(t->images->calm))
-        return t->images->calm;
-    if (lull_graph_mixed_by(&plan->model->graph) == LULL_TENSOR_NONE)
-        return 0.0f;
-    parallel(plan, host, rows, calm_task, t);
-    return lull_calm_share(exposure_rows(plan), rows);
+    int has_albedo = !(~plan->frame.features & (LULL_HAS_COLOR | LULL_HAS_ALBEDO));
+    plan->calm = plan->ragged = 0.0f;
+    if ((lull_is_nan(images->calm) || lull_is_nan(images->ragged)) &&
+        lull_graph_mixed_by(&plan->model->graph) != LULL_TENSOR_NONE) {
+        parallel(plan, host, rows, calm_task, t);
+        plan->calm = lull_calm_share(exposure_rows(plan), rows);
+        if (has_albedo)
+            plan->ragged = lull_ragged_share(exposure_rows(plan), rows);
+    }
+    if (!lull_is_nan(images->calm))
+        plan->calm = images->calm;
+    if (!lull_is_nan(images->ragged))
+        plan->ragged = images->ragged;
 }
 
 /* What is known of the whole frame: into the plan, which what looks at pixels goes by. */
 static void look_over(lull_task *t, const lull_host *host)
 {
     t->plan->scale = choose_scale(t, host);
-    t->plan->calm = choose_calm(t, host);
+    choose_calm(t, host);
 }
 
 /* Checks what a run is given; of an empty frame no image is needed. */
@@ -327,16 +335,19 @@ lull_status lull_measure(lull_images *images, lull_plan *plan, const lull_host *
 {
     lull_task t = {0};
     lull_status status = begin(&t, plan, images);
-    float scale, calm; /* of the stream that may be under way */
+    float scale, calm, ragged; /* of the stream that may be under way */
     if (status != LULL_OK)
         return status;
     scale = plan->scale;
     calm = plan->calm;
+    ragged = plan->ragged;
     look_over(&t, host);
     images->input_scale = plan->scale;
     images->calm = plan->calm;
+    images->ragged = plan->ragged;
     plan->scale = scale;
     plan->calm = calm;
+    plan->ragged = ragged;
     return LULL_OK;
 }
 
@@ -370,7 +381,7 @@ lull_status lull_run(lull_plan *plan, const lull_images *images, const lull_host
     return LULL_OK;
 }
 
-lull_status lull_rows_begin(lull_plan *plan, float input_scale, float calm)
+lull_status lull_rows_begin(lull_plan *plan, float input_scale, float calm, float ragged)
 {
     lull_task t = {0};
     if (!plan)
@@ -381,6 +392,7 @@ lull_status lull_rows_begin(lull_plan *plan, float input_scale, float calm)
     begin_strip(plan, &t, 0);
     plan->scale = lull_is_nan(input_scale) ? 1.0f : input_scale;
     plan->calm = lull_is_nan(calm) ? 0.0f : calm;
+    plan->ragged = lull_is_nan(ragged) ? 0.0f : ragged;
     return LULL_OK;
 }
 

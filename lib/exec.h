@@ -104,6 +104,11 @@ void lull_exec_fit_sums(const lull_task *t, unsigned x, unsigned y, unsigned n, 
 void lull_exec_fit(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker);
 void lull_exec_regress(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker);
 
+/* n pixels (r,g,b), at most LULL_BLOCK, from column x on of row y of the frame, of the exposed
+ * result averaged along edges, times `unscale`. */
+void lull_exec_edges(float *out, const lull_task *t, float unscale, unsigned x, unsigned y,
+                     unsigned n);
+
 /* Before the network proper, grain of the albedo: sums, shares and means of cells [x, x+n) of row y
  * of cells; columns [x, x+n) of row y of the input without it. */
 void lull_exec_grain_sums(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker);
@@ -169,13 +174,16 @@ void lull_exec_radiance(lull_encoding *from, const lull_task *t, float *block, u
 /* The same, exposed and sanitised, in any case in `block`. */
 void lull_exec_sane(float *block, const lull_encoding *from, const lull_task *t, unsigned n);
 
-/* How calm rows 16 index to 16 index + 15 of the frame are: cells that say something, and those
- * among them with next to no noise; and the share of the latter in all rows. */
+/* What is seen of rows 16 index to 16 index + 15 of the frame: cells that say something, those
+ * among them with next to no noise, and with much; edges of the albedo, and sharp ones. */
 typedef struct lull_calm_row {
-    uint32_t cells, calm;
+    uint16_t cells, calm, wild, edges, sharp; /* of a few thousand cells in the whole frame */
 } lull_calm_row;
 void lull_exec_calm_row(lull_calm_row *row, const lull_task *t, unsigned index);
+
+/* How calm the frame is, and how ragged its edges if it has an albedo, of all rows: in [0, 1]. */
 float lull_calm_share(const lull_calm_row *rows, unsigned n);
+float lull_ragged_share(const lull_calm_row *rows, unsigned n);
 
 /* 1 if there is an albedo or a normal beside the main image. */
 int lull_exec_has_features(const lull_plan *plan);

@@ -1,9 +1,13 @@
-/* How calm a frame is: the part of its cells whose finest detail is so little that whatever noise
- * there is must be little, too, for texture is in some places, noise in nearly all
- * (docs/kernel-prediction.md, step 9). Looks at cells of 4x4 differences, so far from each other
- * that there are a few thousand of them. */
+/* What cells of 4x4 differences tell of a frame, so far from each other that there are a few
+ * thousand of them (docs/kernel-prediction.md, step 9). How calm it is: the part of them whose
+ * finest detail is so little that whatever noise there is must be little, too, for texture is in
+ * some places, noise in nearly all. And how ragged its edges are, each pixel having seen one place:
+ * much noise, and edges of the albedo without pixels between the two sides. */
 #include "exec.h"
 #include "exposure.h"
+
+typedef char rows_fit[sizeof(lull_calm_row) <= LULL_PLAN_BINS ? 1 : -1];
+typedef char bins_fit[sizeof(lull_exposure_row) <= LULL_PLAN_BINS ? 1 : -1];
 
 #define SIDE 4u
 #define LEAST_CELLS 1000u /* as many at least, where the frame has them */
@@ -11,13 +15,21 @@
 
 /* Detail: noise codes of half the sum of second differences, relative to the light and 0.02 in
  * each channel of a pixel. A cell with less than the least tells nothing; one with the most is not
- * calm. */
+ * calm; WILD_DETAIL is much noise. */
 #define DETAIL_GAIN 192.0f
 #define DETAIL_EPSILON 0.96f
 #define LEAST_DETAIL 1.0f
 #define MOST_DETAIL 10.0f
+#define WILD_DETAIL 160.0f
+#define WILD 0.25f, 6.6666667f /* the part of cells with much: a ramp */
 
-typedef char calm_rows_fit[sizeof(lull_calm_row) <= sizeof(lull_exposure_row) ? 1 : -1];
+/* Of five pixels in a row or column two on either side are alike, and the sides far apart; an edge
+ * is sharp if the pixel between is like one of them. Sums of the albedo's channels. */
+#define FLAT 0.03f
+#define STEP 0.3f
+#define FEW 16u          /* edges that tell nothing */
+#define SHARP 0.3f, 5.0f /* the part of them that is: a ramp */
+
 
 static unsigned cells_along(unsigned size, unsigned step)
 {
@@ -43,7 +55,44 @@ static void add_cell(lull_calm_row *row, float detail, float light)
     if (detail < light * LEAST_DETAIL)
         return; /* sky, lamps, what is clipped: they say nothing */
     row->cells++;
-    row->calm += detail < light * MOST_DETAIL;
+    if (detail < light * MOST_DETAIL)
+        row->calm++;
+    if (detail >= light * WILD_DETAIL)
+        row->wild++;
+}
+
+static float distance(float a, float b) { return a < b ? b - a : a - b; }
+
+/* What five pixels of the albedo are, `step` apart. */
+static void add_edge(lull_calm_row *row, const float *v, unsigned step)
+{
+    float before = v[step], between = v[2 * step], after = v[3 * step];
+    if (!(distance(v[0], before) <= FLAT && distance(after, v[4 * step]) <= FLAT &&
+          distance(before, after) >= STEP))
+        return;
+    row->edges++;
+    if (distance(before, between) <= FLAT || distance(between, after) <= FLAT)
+        row->sharp++;
+}
+
+/* The edges of the cell at pixel (x, y). */
+static void look_at_albedo(lull_calm_row *row, const lull_task *t, unsigned x, unsigned y)
+{
+    float v[(SIDE + 1) * (SIDE + 1)], pixels[3 * (SIDE + 1)];
+    for (unsigned dy = 0; dy <= SIDE; dy++) {
+        const float *albedo = lull_exec_aux(t, 1, pixels, x, y + dy, SIDE + 1);
+        if (!albedo)
+            return;
+        for (unsigned i = 0; i <= SIDE; i++, albedo += 3) {
+            float a[3] = {albedo[0], albedo[1], albedo[2]};
+            lull_sane_albedo(a);
+            v[dy * (SIDE + 1) + i] = (a[0] + a[1]) + a[2];
+        }
+    }
+    for (unsigned i = 0; i <= SIDE; i++) {
+        add_edge(row, v + i * (SIDE + 1), 1);
+        add_edge(row, v + i, SIDE + 1);
+    }
 }
 
 /* The cell at pixel (x, y). */
@@ -67,24 +116,41 @@ static void look_at(lull_calm_row *row, const lull_task *t, unsigned x, unsigned
         }
     }
     add_cell(row, detail, light);
+    look_at_albedo(row, t, x, y);
 }
 
 void lull_exec_calm_row(lull_calm_row *row, const lull_task *t, unsigned index)
 {
     const lull_frame *frame = &t->plan->frame;
     unsigned step = spacing(frame), y = (unsigned)lull_align_up(index * ROWS, step);
-    row->cells = row->calm = 0;
+    memset(row, 0, sizeof *row);
     for (; y < (index + 1) * ROWS && y + SIDE < frame->height; y += step)
         for (unsigned x = 0; x + SIDE < frame->width; x += step)
             look_at(row, t, x, y);
 }
 
+/* One number of all rows. */
+static unsigned sum_of(const uint16_t *first, unsigned n)
+{
+    unsigned sum = 0;
+    for (; n > 0; n--, first += sizeof(lull_calm_row) / sizeof *first)
+        sum += *first;
+    return sum;
+}
+
+static float share_of(unsigned part, unsigned whole)
+{
+    return (float)(int)part * (1.0f / (float)(int)lull_max_u(whole, 1));
+}
+
 float lull_calm_share(const lull_calm_row *rows, unsigned n)
 {
-    uint32_t cells = 0, calm = 0;
-    for (unsigned i = 0; i < n; i++) {
-        cells += rows[i].cells;
-        calm += rows[i].calm;
-    }
-    return cells ? (float)calm * (1.0f / (float)cells) : 0.0f;
+    return share_of(sum_of(&rows->calm, n), sum_of(&rows->cells, n));
+}
+
+float lull_ragged_share(const lull_calm_row *rows, unsigned n)
+{
+    unsigned edges = sum_of(&rows->edges, n);
+    float wild = lull_ramp(share_of(sum_of(&rows->wild, n), sum_of(&rows->cells, n)), WILD);
+    return edges < FEW ? wild : wild * lull_ramp(share_of(sum_of(&rows->sharp, n), edges), SHARP);
 }

@@ -401,10 +401,13 @@ static int store_modulated(const lull_task *t, const lull_run_shares *shares, fl
     int is_direct = to && lull_exec_content(&plan->frame).is_hdr;
     int mixes = lull_exec_has_share(shares, t, x, n);
     float *made = is_direct && !mixes ? to : block;
-    plan->model->kernels.modulate(
-        made, lull_exec_floats(plan, graph->layers, y, x - t->left),
-        lull_exec_plane(plan, graph->layers), lull_exec_floats(plan, smooth, y, x - t->left),
-        lull_exec_plane(plan, smooth), made == to ? unscale : 1.0f, n);
+    if (lull_plan_edges(plan) > 0.0f)
+        lull_exec_edges(made, t, made == to ? unscale : 1.0f, x, y, n);
+    else
+        plan->model->kernels.modulate(
+            made, lull_exec_floats(plan, graph->layers, y, x - t->left),
+            lull_exec_plane(plan, graph->layers), lull_exec_floats(plan, smooth, y, x - t->left),
+            lull_exec_plane(plan, smooth), made == to ? unscale : 1.0f, n);
     if (mixes)
         lull_exec_mix(block, shares, t, block + 3 * LULL_BLOCK, x, y, n);
     for (unsigned i = 0; mixes && is_direct && i < 3 * n; i++)

@@ -329,6 +329,9 @@ static void make_blended(const lull_task *t, unsigned x, unsigned y, unsigned n,
     lull_filter_blend(
         &plan->model->kernels, &blending, -(int)(x / 2),
         (int)(lull_min_u(right, t->right >> level) - 1 - (t->left >> level)) - (int)(x / 2), n);
+    if (lull_graph_has_noise(&plan->model->graph, t->layer + 1))
+        memcpy(lull_exec_noise(plan, t->layer + 1, y, x),
+               lull_exec_noise(plan, layer->source[0], y, x), n);
 }
 
 /* Row y of the smoothing's first two sources at pixel x. */

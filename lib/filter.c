@@ -98,3 +98,48 @@ void lull_filter_bilateral(const lull_kernels *kernels, const lull_smoothing *sm
     for (i = end; i < all; i += EDGE)
         smooth_edge(kernels, smoothing, first, last, i, all - i < EDGE ? all - i : EDGE);
 }
+
+/* Exposed radiance of pixel i of a row, and its light. */
+LULL_NOINLINE static float light_at(float *p, const lull_edging *e, ptrdiff_t row, ptrdiff_t i)
+{
+    const float *v = e->v[row] + i, *smooth = e->smooth[row] + i;
+    for (size_t c = 0; c < 3; c++, v += e->v_plane, smooth += e->smooth_plane) {
+        float product = *v * *smooth;
+        p[c] = product > 0.0f ? product : 0.0f;
+    }
+    return (p[0] + p[1]) + p[2];
+}
+
+static void put_pixel(const lull_edging *e, ptrdiff_t i, const float *p)
+{
+    for (ptrdiff_t c = 0; c < 3; c++)
+        e->out[3 * i + c] = lull_sane(p[c], 1.0f, 0.0f, LULL_LARGEST) * e->unscale;
+}
+
+void lull_edge_pixel(const lull_edging *e, ptrdiff_t i)
+{
+    float here[3], ends[3] = {0.0f, 0.0f, 0.0f}, least = LULL_LARGEST, most = 0.0f, share;
+    float light = light_at(here, e, 1, i);
+    for (unsigned k = 0; k < LULL_EDGE_LINES; k++) {
+        ptrdiff_t x = lull_edge_lines[k][0], y = lull_edge_lines[k][1];
+        float a[3], b[3], first = light_at(a, e, 1 - y, i - x);
+        float change = lull_edge_change(light, first, light_at(b, e, 1 + y, i + x));
+        for (unsigned c = 0; change < least && c < 3; c++)
+            ends[c] = a[c] + b[c];
+        least = change < least ? change : least;
+        most = change > most ? change : most;
+    }
+    share = lull_edge_share(light, least, most, e->strength);
+    for (unsigned c = 0; c < 3; c++)
+        here[c] += share * (ends[c] - (here[c] + here[c]));
+    put_pixel(e, i, here);
+}
+
+void lull_filter_product(const lull_edging *e, unsigned first, unsigned last)
+{
+    for (ptrdiff_t i = first; i <= (ptrdiff_t)last; i++) {
+        float p[3];
+        light_at(p, e, 1, i);
+        put_pixel(e, i, p);
+    }
+}

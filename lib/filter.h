@@ -19,4 +19,7 @@ void lull_filter_blend(const lull_kernels *kernels, const lull_blending *blendin
 void lull_filter_bilateral(const lull_kernels *kernels, const lull_smoothing *smoothing, int first,
                            int last, unsigned n);
 
+/* Pixels first to last that lack a neighbour: the product of result and divisor as it is. */
+void lull_filter_product(const lull_edging *edging, unsigned first, unsigned last);
+
 #endif

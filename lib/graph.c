@@ -392,7 +392,7 @@ static lull_status add_filters(lull_graph *graph, int steps)
                             (unsigned[]){filtered[s], result, LULL_TENSOR_NONE}, blend);
     if (steps)
         result = add_filter(graph, LULL_OP_BILATERAL, 0, 3,
-                            (unsigned[]){result, LULL_TENSOR_GUIDE, filtered[0], LULL_TENSOR_NONE},
+                            (unsigned[]){result, LULL_TENSOR_GUIDE, result, LULL_TENSOR_NONE},
                             has_residual ? far : near);
     if (has_fit) {
         unsigned sums = add_filter(
@@ -450,7 +450,7 @@ static unsigned reach(const lull_graph *graph, int is_exact)
             noise = field + LULL_MIX_REACH;
     }
     if (lull_graph_mixed_by(graph) != LULL_TENSOR_NONE)
-        field = lull_max_u(field, noise);
+        field = lull_max_u(field + LULL_EDGE_REACH, noise);
     field += align - 1; /* phase of the pixel inside its coarsest cell */
     return (unsigned)lull_align_up(field, align);
 }

@@ -24,7 +24,7 @@ int lull_graph_has_noise(const lull_graph *graph, unsigned tensor)
     if (tensor < 1 || tensor > graph->layers)
         return 0;
     layer = &graph->layer[tensor - 1];
-    if (layer->op == LULL_OP_FILTER)
+    if (layer->op == LULL_OP_FILTER || layer->op == LULL_OP_BLEND)
         return !layer->level && lull_graph_find(graph, LULL_OP_BILATERAL) != LULL_TENSOR_NONE;
     return layer->op == LULL_OP_REGRESS ||
            (layer->op == LULL_OP_BILATERAL && tensor < graph->layers);

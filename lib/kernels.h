@@ -113,7 +113,7 @@ typedef struct lull_conv {
  *     there = the same of i - 1 or i + 1: out = fine + beta ((0.75 here + 0.25 there) - fine), beta
  *     = table[codes[pixel]]. `table`: any 256 floats.
  *
- * noise, bilateral, fit_sums, fit, regress, residual: bilateral.h.
+ * noise, bilateral, fit_sums, fit, regress, residual, edges: bilateral.h.
  *
  * modulate: out = S(v * smooth, 1, 0, FLT_MAX) * unscale; out is an image.
  *

@@ -208,6 +208,9 @@ typedef struct lull_images {
     float calm; /* part of the main image, in [0, 1], that shows next to no noise; NaN: measured.
                  * Where it is large, kernel-prediction models leave some of the input in the output
                  * even where there seems to be noise: it is texture then. Direct ones ignore it. */
+    float ragged; /* how much kernel-prediction models average along edges, in [0, 1]: 1 where each
+                   * pixel saw one place, for edges are ragged then; NaN: measured in noise and
+                   * albedo, 0 without an albedo. Direct ones ignore it. */
 } lull_images;
 
 /* What the host lends to a run; every member may be NULL. */
@@ -229,7 +232,7 @@ typedef struct lull_host {
  */
 float lull_autoexposure(const lull_image *color, unsigned width, unsigned height);
 
-/* Replaces an input_scale and a calm that are NaN by those that lull_run would use for these
+/* Replaces what of input_scale, calm and ragged is NaN by those that lull_run would use for these
  * images, which must be whole. For hosts that denoise parts of a frame, or one frame several times:
  * all of them then get what the whole would have got. Asks for no progress, and leaves a stream
  * that the plan is in the middle of as it is. Errors: ARGUMENT, IMAGE. */
@@ -241,12 +244,14 @@ lull_status lull_run(lull_plan *plan, const lull_images *images, const lull_host
 
 /* Streaming. lull_rows_begin resets the plan (which must have one strip, and be made for streaming
  * if the model predicts kernels: else UNSUPPORTED) and sets what is known of the whole frame, as in
- * lull_images (NaN: scale 1, calm 0). Each lull_rows call then takes the next `rows` rows of the
- * inputs, at the start of the images given, and stores at the start of images->output the output
- * rows that became ready: *ready of them, at most rows + delay_rows. The last input row releases
- * all the remaining output rows. Output rows must not overlap input rows of the same call, unless
- * both are in one picture, where output row y is in the place of input row y (not checked). */
-lull_status lull_rows_begin(lull_plan *plan, float input_scale, float calm);
+ * lull_images (NaN: scale 1, calm and ragged 0). Each lull_rows call then takes the next `rows`
+ * rows of the inputs, at the start of the images given, and stores at the start of images->output
+ * the output rows that became ready: *ready of them, at most rows + delay_rows. The last input row
+ * releases all the remaining output rows. Output rows must not overlap input rows of the same call,
+ * unless both are in one picture, where output row y is in the place of input row y (not checked).
+ */
+lull_status lull_rows_begin(lull_plan *plan, float input_scale, float calm,
+                            float ragged);
 lull_status lull_rows(lull_plan *plan, const lull_images *images, unsigned rows, unsigned *ready,
                       const lull_host *host);
 

@@ -143,7 +143,8 @@ static void put(uint8_t *out, lull_dtype dtype, float value, unsigned split)
 
 /* [output / lanes][length][output % lanes][group]; the same number of bytes for each dtype's group.
  * Returns the end. */
-static uint8_t *write_block(uint8_t *out, const block *b, unsigned lanes, unsigned split)
+LULL_NOINLINE static uint8_t *write_block(uint8_t *out, const block *b, unsigned lanes,
+                                          unsigned split)
 {
     unsigned together = group(b->dtype), length = lull_pack_length(b->dtype, run_of(b));
     unsigned column[4], channel[4]; /* of an element of the run: columns outer, channels inner */

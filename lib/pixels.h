@@ -419,6 +419,32 @@ LULL_INLINE float lull_pixel_share(float share, uint8_t noise, const float *p, c
     return share * (w > calm ? w : calm);
 }
 
+/* ---- Averages along edges -------------------------------------------------------------------- */
+
+#define LULL_EDGE_REACH 1u         /* pixels around, whose averages the output has */
+#define LULL_EDGE_EPSILON 0.18f    /* three times 0.06 */
+#define LULL_EDGE_SHARE 0.16666667f /* half of a third */
+#define LULL_EDGE_TINY 1e-6f
+#define LULL_EDGE_CONTRAST 0.2f, 5.0f       /* ramps: of the most change, relative to the light, */
+#define LULL_EDGE_EVENNESS 0.0f, 3.3333333f /* and of the least, relative to the most */
+
+/* What light changes by at the two ends of a line. */
+LULL_INLINE float lull_edge_change(float light, float a, float b)
+{
+    float before = a - light, after = b - light;
+    return (before < 0.0f ? -before : before) + (after < 0.0f ? -after : after);
+}
+
+/* How much a pixel moves for each of the two ends of the line that changes least: where others
+ * change much, and it does not. */
+LULL_INLINE float lull_edge_share(float light, float least, float most, float strength)
+{
+    float contrast = lull_ramp(most * (1.0f / (light + LULL_EDGE_EPSILON)), LULL_EDGE_CONTRAST);
+    float evenness =
+        lull_ramp((most - least) * (1.0f / (most + LULL_EDGE_TINY)), LULL_EDGE_EVENNESS);
+    return (contrast * evenness) * strength;
+}
+
 /* ---- Grain of the albedo --------------------------------------------------------------------- */
 
 #define LULL_GRAIN_SIDE 8u  /* pixels of a cell, in either direction */

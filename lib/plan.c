@@ -70,7 +70,7 @@ static void play(lull_plan *plan)
             lull_plan_set_done(plan, l + 1, lull_plan_turn(plan, l));
             grow_ring(plan, l + 1);
         }
-        made = lull_plan_done(plan, graph->layers);
+        made = lull_plan_ready(plan, lull_graph_mixed_by(graph) != LULL_TENSOR_NONE);
         if (made > plan->stored)
             plan->delay_rows = lull_max_u(plan->delay_rows, rows - 1 - plan->stored);
         plan->stored = made;
@@ -292,7 +292,7 @@ static void layout(lull_plan *plan)
     }
     plan->scratch_bytes = lull_align_up(plan->scratch_bytes, LULL_ALIGN);
     plan->scratch = lull_append(&total, plan->scratch_bytes * plan->threads);
-    bins = lull_exposure_rows(plan->frame.height) * sizeof(lull_exposure_row);
+    bins = lull_exposure_rows(plan->frame.height) * LULL_PLAN_BINS;
     plan->exposure = (uint32_t)(lull_append(&total, bins) / LULL_ALIGN);
     plan->saved_width = (uint16_t)(plan->frame.in_place && plan->strips > 1 ? graph->margin : 0);
     for (unsigned i = 0; i < LULL_LOADED; i++)

@@ -71,7 +71,7 @@ struct lull_plan {
                           * all but the codes is made of images that are read again */
     /* State of a run: rows made of every tensor (lull_plan_done), and stored of the output. */
     unsigned stored;
-    float scale, calm; /* of lull_images */
+    float scale, calm, ragged; /* of lull_images */
     uint16_t done_low[LULL_TENSORS];
     lull_ring ring[LULL_TENSORS];
 };
@@ -87,6 +87,16 @@ static inline void lull_plan_set_done(lull_plan *plan, unsigned tensor, unsigned
     plan->done_low[tensor] = (uint16_t)rows;
     plan->ring[tensor].done_high = rows >> 16 & 1u;
 }
+
+/* Bytes for what is seen of 16 rows of the frame before the run. */
+#define LULL_PLAN_BINS 16u
+
+/* How much this run averages along edges, which is done with the output: 0 is not at all. */
+float lull_plan_edges(const lull_plan *plan);
+
+/* Rows of the output that those of the result allow; are_averaged: along edges, for which the row
+ * below has to be there. */
+unsigned lull_plan_ready(const lull_plan *plan, int are_averaged);
 
 /* None are made of any. */
 void lull_plan_restart(lull_plan *plan);

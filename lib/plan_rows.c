@@ -59,6 +59,18 @@ int lull_plan_has(const lull_plan *plan, unsigned tensor)
     return (int)plan->keeps_rows;
 }
 
+float lull_plan_edges(const lull_plan *plan)
+{
+    int has_steps = lull_graph_mixed_by(&plan->model->graph) != LULL_TENSOR_NONE;
+    return has_steps ? plan->ragged * LULL_EDGE_SHARE : 0.0f;
+}
+
+unsigned lull_plan_ready(const lull_plan *plan, int are_averaged)
+{
+    unsigned made = lull_plan_done(plan, plan->model->graph.layers);
+    return made < plan->frame.height && are_averaged ? lull_max_u(made, 1) - 1 : made;
+}
+
 void lull_plan_restart(lull_plan *plan)
 {
     for (unsigned tensor = 0; tensor < LULL_TENSORS; tensor++)
@@ -142,6 +154,7 @@ unsigned lull_plan_turn(const lull_plan *plan, unsigned l)
 unsigned lull_plan_alive(const lull_plan *plan, unsigned tensor)
 {
     const lull_graph *graph = &plan->model->graph;
+    const unsigned mixed_by = lull_graph_mixed_by(graph), above = mixed_by != LULL_TENSOR_NONE;
     unsigned needed = lull_plan_done(plan, tensor);
     for (unsigned l = 0; l < graph->layers; l++) {
         const lull_layer *layer = &graph->layer[l];
@@ -152,9 +165,10 @@ unsigned lull_plan_alive(const lull_plan *plan, unsigned tensor)
                                     rows_needed((lull_reads)layer->reads[s],
                                                 lull_plan_done(plan, l + 1) << layer->pool));
     }
-    if (tensor == graph->layers || tensor == lull_graph_find(graph, LULL_OP_SMOOTH) ||
-        tensor == lull_graph_mixed_by(graph) ||
-        (tensor == LULL_TENSOR_RADIANCE && lull_graph_mixed_by(graph) != LULL_TENSOR_NONE))
-        needed = lull_min_u(needed, plan->stored); /* what the output is made of */
+    /* what the output is made of */
+    if (tensor == mixed_by || (tensor == LULL_TENSOR_RADIANCE && mixed_by != LULL_TENSOR_NONE))
+        needed = lull_min_u(needed, plan->stored);
+    if (tensor == graph->layers || tensor == lull_graph_find(graph, LULL_OP_SMOOTH))
+        needed = lull_min_u(needed, lull_max_u(plan->stored, above) - above);
     return lull_plan_done(plan, tensor) - needed;
 }

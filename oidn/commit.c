@@ -292,7 +292,7 @@ static void publish_images(OIDNFilter filter)
         views[i]->row_stride = image->row_stride;
     }
     filter->committed.input_scale = filter->values[lull_value_input_scale].f;
-    filter->committed.calm = NAN;
+    filter->committed.calm = filter->committed.ragged = NAN;
 }
 
 static void print_summary(OIDNFilter filter, size_t model_bytes)

@@ -66,7 +66,7 @@ static float visible_scale(OIDNFilter filter, const lull_images *images, const l
         !(filter->frame.features & LULL_HAS_COLOR))
         return given;
     measured.input_scale = NAN;
-    measured.calm = 0; /* not asked for */
+    measured.calm = measured.ragged = 0; /* not asked for */
     if (!filter->plan)
         measured.input_scale =
             lull_autoexposure(&images->color, filter->frame.width, filter->frame.height);

@@ -1,5 +1,5 @@
-/* Steps 6 and 8 of family K's filter, LANES pixels at a time: products and sums are rounded one by
- * one, in the order of the definition (bilateral.h). After filter_rows.h, whose operations it
+/* Steps 6, 8 and 9 of family K's filter, LANES pixels at a time: products and sums are rounded one
+ * by one, in the order of the definition (bilateral.h). After filter_rows.h, whose operations it
  * uses, and
  *
  *   bytes(p, n)                     n bytes at p as floats
@@ -93,7 +93,14 @@ LULL_INLINE void weigh(weighing *to, const lull_surface *other, size_t p, unsign
     to->sum_b = add(to->sum_b, mul(w, b));
 }
 
-LULL_INLINE void bilateral_block(const lull_smoothing *s, size_t p, unsigned n)
+/* The same out of line, for the last pixels of a row, whose loads are much code. */
+LULL_NOINLINE static void weigh_some(weighing *to, const lull_surface *other, size_t p, unsigned n)
+{
+    weigh(to, other, p, n);
+}
+
+LULL_INLINE void bilateral_block(const lull_smoothing *s, size_t p, unsigned n,
+                                 void (*look)(weighing *, const lull_surface *, size_t, unsigned))
 {
     const size_t plane = s->row.plane;
     const uint8_t *noise = s->noise + p;
@@ -112,17 +119,17 @@ LULL_INLINE void bilateral_block(const lull_smoothing *s, size_t p, unsigned n)
     to.guide = pairs(s->row.guide + 2 * p, n);
     to.sum_r = to.sum_g = to.sum_b = set(0.0f);
     to.weights = set(1.0f);
-    weigh(&to, &s->row, p - LULL_BILATERAL_REACH, n);
-    weigh(&to, &s->row, p - 2, n);
-    weigh(&to, &s->row, p + 2, n);
-    weigh(&to, &s->row, p + LULL_BILATERAL_REACH, n);
-    weigh(&to, &s->beside[0], p, n);
-    weigh(&to, &s->beside[1], p, n);
+    look(&to, &s->row, p - LULL_BILATERAL_REACH, n);
+    look(&to, &s->row, p - 2, n);
+    look(&to, &s->row, p + 2, n);
+    look(&to, &s->row, p + LULL_BILATERAL_REACH, n);
+    look(&to, &s->beside[0], p, n);
+    look(&to, &s->beside[1], p, n);
     if (s->is_far) {
-        weigh(&to, &s->row, p - LULL_BILATERAL_FAR, n);
-        weigh(&to, &s->row, p + LULL_BILATERAL_FAR, n);
-        weigh(&to, &s->beside[2], p, n);
-        weigh(&to, &s->beside[3], p, n);
+        look(&to, &s->row, p - LULL_BILATERAL_FAR, n);
+        look(&to, &s->row, p + LULL_BILATERAL_FAR, n);
+        look(&to, &s->beside[2], p, n);
+        look(&to, &s->beside[3], p, n);
     }
     share = quotient(set(1.0f), to.weights);
     store_n(out, add(to.r, mul(to.sum_r, share)), n);
@@ -132,14 +139,80 @@ LULL_INLINE void bilateral_block(const lull_smoothing *s, size_t p, unsigned n)
 
 LULL_NOINLINE static void bilateral_rest(const lull_smoothing *s, size_t p, unsigned n)
 {
-    bilateral_block(s, p, n);
+    bilateral_block(s, p, n, weigh_some);
 }
 
 void NAME(bilateral)(const lull_smoothing *smoothing)
 {
     size_t p = 0;
     for (; p + LANES <= smoothing->pixels; p += LANES)
-        bilateral_block(smoothing, p, LANES);
+        bilateral_block(smoothing, p, LANES, weigh);
     if (p < smoothing->pixels)
         bilateral_rest(smoothing, p, (unsigned)(smoothing->pixels - p));
+}
+
+LULL_INLINE vec ramp(vec v, float begin, float slope)
+{
+    return low(high(mul(sub(v, set(begin)), set(slope)), set(0.0f)), set(1.0f));
+}
+
+/* Exposed radiance of LANES pixels, and its light. */
+typedef struct lit {
+    vec r, g, b, light;
+} lit;
+
+LULL_INLINE vec product_of(const float *v, const float *smooth)
+{
+    return high(mul(load_n(v, LANES), load_n(smooth, LANES)), set(0.0f));
+}
+
+LULL_INLINE void lit_at(lit *to, const lull_edging *e, unsigned row, ptrdiff_t p)
+{
+    const float *v = e->v[row] + p, *smooth = e->smooth[row] + p;
+    to->r = product_of(v, smooth);
+    to->g = product_of(v + e->v_plane, smooth + e->smooth_plane);
+    to->b = product_of(v + 2 * e->v_plane, smooth + 2 * e->smooth_plane);
+    to->light = add(add(to->r, to->g), to->b);
+}
+
+LULL_INLINE void edges_block(const lull_edging *e, size_t p)
+{
+    const vec unscale = set(e->unscale);
+    lit here, ends;
+    vec least = set(LULL_LARGEST), most = set(0.0f), share, evenness;
+    lit_at(&here, e, 1, (ptrdiff_t)p);
+    ends = here;
+    for (unsigned k = 0; k < LULL_EDGE_LINES; k++) {
+        const ptrdiff_t x = lull_edge_lines[k][0];
+        const unsigned y = (unsigned)lull_edge_lines[k][1];
+        vec change, closer;
+        lit a, b;
+        lit_at(&a, e, 1 - y, (ptrdiff_t)p - x);
+        lit_at(&b, e, 1 + y, (ptrdiff_t)p + x);
+        change = add(distance(a.light, here.light), distance(b.light, here.light));
+        closer = sub(least, change);
+        ends.r = choose(closer, add(a.r, b.r), ends.r);
+        ends.g = choose(closer, add(a.g, b.g), ends.g);
+        ends.b = choose(closer, add(a.b, b.b), ends.b);
+        least = low(change, least);
+        most = high(change, most);
+    }
+    share = quotient(set(1.0f), add(here.light, set(LULL_EDGE_EPSILON)));
+    share = ramp(mul(most, share), LULL_EDGE_CONTRAST);
+    evenness = quotient(set(1.0f), add(most, set(LULL_EDGE_TINY)));
+    evenness = ramp(mul(sub(most, least), evenness), LULL_EDGE_EVENNESS);
+    share = mul(mul(share, evenness), set(e->strength));
+    here.r = sane(add(here.r, mul(share, sub(ends.r, add(here.r, here.r)))));
+    here.g = sane(add(here.g, mul(share, sub(ends.g, add(here.g, here.g)))));
+    here.b = sane(add(here.b, mul(share, sub(ends.b, add(here.b, here.b)))));
+    join(e->out + 3 * p, LANES, mul(here.r, unscale), mul(here.g, unscale), mul(here.b, unscale));
+}
+
+void NAME(edges)(const lull_edging *edging)
+{
+    size_t p = 0;
+    for (; p + LANES <= edging->pixels; p += LANES)
+        edges_block(edging, p);
+    for (; p < edging->pixels; p++)
+        lull_edge_pixel(edging, (ptrdiff_t)p);
 }

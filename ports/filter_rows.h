@@ -317,10 +317,14 @@ void NAME(blend)(const lull_blending *blending){
 #undef BLOCK
 }
 
+LULL_INLINE vec sane(vec v)
+{
+    return low(above(high(v, set(0.0f)), 0x00800000), set(LULL_LARGEST));
+}
+
 LULL_INLINE vec modulated(const float *v, const float *smooth, vec unscale, unsigned n)
 {
-    vec product = high(mul(load_n(v, n), load_n(smooth, n)), set(0.0f));
-    return mul(low(above(product, 0x00800000), set(LULL_LARGEST)), unscale);
+    return mul(sane(mul(load_n(v, n), load_n(smooth, n))), unscale);
 }
 
 LULL_INLINE void modulate_block(float *out, const float *v, size_t plane, const float *smooth,
@@ -337,11 +341,6 @@ void NAME(modulate)(float *out, const float *v, size_t plane, const float *smoot
 #define BLOCK(n) modulate_block(out + 3 * p, v + p, plane, smooth + p, smooth_plane, unscale, n)
     FOR_BLOCKS(pixels)
 #undef BLOCK
-}
-
-LULL_INLINE vec sane(vec v)
-{
-    return low(above(high(v, set(0.0f)), 0x00800000), set(LULL_LARGEST));
 }
 
 LULL_INLINE void luminance_block(float *sums, const float *pixels, unsigned n)

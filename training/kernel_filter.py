@@ -24,6 +24,7 @@ from export.smooth import (ABOVE, BALANCE_EPS, BESIDE, CALM, CALM_ALONE, CALM_SP
 from training import fused, regression
 from training.calm import calm_share
 from training.cells import between, cell_means
+from training.edges import averaged, ragged, ramp
 
 SIDE, RADIUS, TAPS = 5, 2, 25
 LEVELS = 5
@@ -179,7 +180,9 @@ def smooth_result(out: Tensor, smooth: Tensor, noise: Tensor, radiance: Tensor, 
     if steps.corrects:  # but not what is clipped
         v = torch.where(codes[:, 11:12] > 0, v, corrected(v, smooth, noise, radiance))
     is_alone = codes[:, 9:11, :1, :1].amax(1, keepdim=True) == 0
-    return mixed(v * smooth, noise, radiance, is_alone, calm_share(radiance))
+    raggedness = ragged(radiance, codes[:, 3:6] / 255.0, codes[:, 9:10, :1, :1])
+    v = averaged(v * smooth, raggedness.to(v.dtype))
+    return mixed(v, noise, radiance, is_alone, calm_share(radiance))
 
 
 def moved(v: Tensor, offsets: Sequence[tuple[int, int]]) -> list[Tensor]:
@@ -255,11 +258,6 @@ def corrected(out: Tensor, smooth: Tensor, noise: Tensor, radiance: Tensor) -> T
     own = _lacking(near[:, :1] - expected * near[:, 2:3], near, SPARKS_SQUARED)
     gain = (expected + own).clamp(-float(MOST_GAIN), float(MOST_GAIN))
     return out + out * (between(gain, out.shape, CELL) * share)
-
-
-def ramp(v: Tensor, of: tuple[float, float]) -> Tensor:
-    """export.smooth.ramp."""
-    return ((v - float(of[0])) * float(of[1])).clamp(0.0, 1.0)
 
 
 def mixed(result: Tensor, noise: Tensor, radiance: Tensor, is_alone: Tensor,

@@ -68,7 +68,7 @@ EXPORT(void, begin, (unsigned width, unsigned height, unsigned content))
     frame = lull_frame_default(width, height, (lull_content)content, 0);
     frame.in_place = 1;
     frame.threads = THREADS;
-    images = (lull_images){.calm = NAN};
+    images = (lull_images){.calm = NAN, .ragged = NAN};
 }
 
 /* Image `feature` (LULL_HAS_*), 3 floats a pixel. The main image becomes the output. */

@@ -87,7 +87,7 @@ typedef struct lull_cl_schedule {
     const lull_cl_weights *weights;  /* one for each layer */
     int32_t width, height;           /* of the tile, without padding */
     uint32_t flags;                  /* LULL_CL_ALBEDO, ... */
-    float calm;                      /* of lull_images */
+    float calm, ragged;                /* of lull_images */
     uint64_t bytes;                  /* of working memory */
     unsigned steps;
     lull_cl_step step[LULL_CL_STEPS];

@@ -122,7 +122,7 @@ static bool check(lull_engine_plan *plan, const lull_frame *frame, const lull_mo
 static lull_engine_plan *allocate(lull_engine *engine, const lull_frame *frame,
                                   const lull_model *model, lull_fault *fault)
 {
-    const size_t rows = lull_exposure_rows(frame->height) * sizeof(lull_exposure_row);
+    const size_t rows = lull_exposure_rows(frame->height) * LULL_PLAN_BINS;
     lull_engine_plan *plan = lull_os_alloc_zero(lull_align_up(sizeof *plan, LULL_ALIGN) + rows);
 
     if (!plan) {
@@ -492,6 +492,7 @@ lull_status lull_cl_run(lull_engine_plan *plan, const lull_images *images, const
     status = lull_measure(&known, &plan->host, host);
     plan->host.scale = known.input_scale; /* what the core loads and stores pixels with */
     plan->host.calm = plan->schedule.calm = known.calm;
+    plan->host.ragged = plan->schedule.ragged = known.ragged;
     for (y = 0; y < plan->host.frame.height && status == LULL_OK; y += plan->tile_height)
         for (x = 0; x < plan->host.frame.width && status == LULL_OK; x += plan->tile_width) {
             status = run_tile(&r, x, y);

@@ -181,6 +181,7 @@ static lull_cl_step *add_filter(lull_cl_schedule *s, unsigned kernel, unsigned o
     args->inside_height = inside(s->height, level);
     args->flags = s->flags;
     args->calm = s->calm;
+    args->ragged = s->ragged;
     set_items(step, args->width, args->height, 1);
     return step;
 }

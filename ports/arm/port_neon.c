@@ -26,6 +26,7 @@ void lull_port_neon(lull_kernels *kernels)
     kernels->fit = lull_fit_neon;
     kernels->regress = lull_regress_neon;
     kernels->residual = lull_residual_neon;
+    kernels->edges = lull_edges_neon;
     kernels->modulate = lull_modulate_neon;
     kernels->luminance = lull_luminance_neon;
 #endif

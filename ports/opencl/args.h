@@ -63,7 +63,7 @@ typedef struct lull_cl_filter {
                                           * the coarser level */
     uint32_t code;  /* of a head's pixel: the first of the codes that are meant */
     uint32_t flags; /* LULL_CL_ALBEDO, ... */
-    float calm;     /* of lull_images */
+    float calm, ragged; /* of lull_images */
 } lull_cl_filter;
 
 /* The model's memory begins with the tables of its weights and of the blend, 256 floats each. */

@@ -233,18 +233,53 @@ static float between_runs(__global uchar *memory, lull_cl_tensor t, int width, i
     return before + lull_cell_part(LULL_RUN, x) * (after - before);
 }
 
+/* Exposed radiance of a pixel, and its light. */
+static float light_at(float *p, __global uchar *memory, const lull_cl_filter *a, int x, int y)
+{
+    float smooth[3];
+    get3(p, *floats_at(memory, a->source[0], x, y));
+    get3(smooth, *floats_at(memory, a->source[1], x, y));
+    for (int c = 0; c < 3; c++)
+        p[c] = p[c] * smooth[c] > 0.0f ? p[c] * smooth[c] : 0.0f;
+    return (p[0] + p[1]) + p[2];
+}
+
+/* Exposed radiance of a pixel inside, averaged along edges. */
+static void average(float *v, __global uchar *memory, const lull_cl_filter *a, float strength,
+                    int x, int y)
+{
+    const int line_x[] = {1, 0, 1, -1}, line_y[] = {0, 1, 1, 1};
+    float ends[3] = {0.0f, 0.0f, 0.0f}, least = LULL_LARGEST, most = 0.0f, share;
+    float light = light_at(v, memory, a, x, y);
+    for (int k = 0; k < 4; k++) {
+        float first[3], last[3];
+        float before = light_at(first, memory, a, x - line_x[k], y - line_y[k]);
+        float after = light_at(last, memory, a, x + line_x[k], y + line_y[k]);
+        float change = lull_edge_change(light, before, after);
+        for (int c = 0; change < least && c < 3; c++)
+            ends[c] = first[c] + last[c];
+        least = change < least ? change : least;
+        most = change > most ? change : most;
+    }
+    share = lull_edge_share(light, least, most, strength);
+    for (int c = 0; c < 3; c++)
+        v[c] += share * (ends[c] - (v[c] + v[c]));
+}
+
 /* out: the exposed result as an image; sources: result, filtered albedo + epsilon, and, if some of
  * the input is asked for, shares of runs, radiance, noise. */
 KERNEL_OF_PIXELS modulate(__global uchar *memory, __global const uchar *model, lull_cl_filter a)
 {
     int x = get_global_id(0), y = get_global_id(1);
-    float v[3], smooth[3];
+    float v[3], strength = a.flags & LULL_CL_NOISE ? a.ragged * LULL_EDGE_SHARE : 0.0f;
     if (x >= a.inside_width || y >= a.inside_height)
         return;
-    get3(v, *floats_at(memory, a.source[0], x, y));
-    get3(smooth, *floats_at(memory, a.source[1], x, y));
+    if (strength > 0.0f && x > 0 && y > 0 && x + 1 < a.inside_width && y + 1 < a.inside_height)
+        average(v, memory, &a, strength, x, y);
+    else
+        light_at(v, memory, &a, x, y);
     for (int c = 0; c < 3; c++)
-        v[c] = lull_sane(v[c] * smooth[c], 1.0f, 0.0f, LULL_LARGEST);
+        v[c] = lull_sane(v[c], 1.0f, 0.0f, LULL_LARGEST);
     if (a.flags & LULL_CL_NOISE) {
         float between = between_runs(memory, a.source[2], a.inside_width, x, y), r[3];
         lull_mixing mixing = lull_mixing_of(a.calm, a.flags & LULL_CL_FEATURES);

@@ -197,3 +197,9 @@ void lull_bilateral_scalar(const lull_smoothing *s)
             s->out[c * s->out_plane + (size_t)i] = here[c] + sum[c] * (1.0f / weights);
     }
 }
+
+void lull_edges_scalar(const lull_edging *edging)
+{
+    for (ptrdiff_t i = 0; i < (ptrdiff_t)edging->pixels; i++)
+        lull_edge_pixel(edging, i);
+}

@@ -24,6 +24,7 @@ void lull_port_simd128(lull_kernels *kernels)
     kernels->fit = lull_fit_simd128;
     kernels->regress = lull_regress_simd128;
     kernels->residual = lull_residual_simd128;
+    kernels->edges = lull_edges_simd128;
     kernels->modulate = lull_modulate_simd128;
     kernels->luminance = lull_luminance_simd128;
 }

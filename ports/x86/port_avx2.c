@@ -31,6 +31,7 @@ void lull_port_avx2(lull_kernels *kernels)
     kernels->fit = lull_fit_avx2;
     kernels->regress = lull_regress_avx2;
     kernels->residual = lull_residual_avx2;
+    kernels->edges = lull_edges_avx2;
     kernels->modulate = lull_modulate_avx2;
     kernels->luminance = lull_luminance_avx2;
 #if !LULL_EMULATE

@@ -32,6 +32,7 @@ void lull_port_avx512(lull_kernels *kernels)
     kernels->fit = lull_fit_avx512;
     kernels->regress = lull_regress_avx512;
     kernels->residual = lull_residual_avx512;
+    kernels->edges = lull_edges_avx512;
     kernels->modulate = lull_modulate_avx512;
     kernels->luminance = lull_luminance_avx512;
 #endif

@@ -24,6 +24,7 @@ void lull_port_sse41(lull_kernels *kernels)
     kernels->fit = lull_fit_sse41;
     kernels->regress = lull_regress_sse41;
     kernels->residual = lull_residual_sse41;
+    kernels->edges = lull_edges_sse41;
     kernels->modulate = lull_modulate_sse41;
     kernels->luminance = lull_luminance_sse41;
 }

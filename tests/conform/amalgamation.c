@@ -25,7 +25,7 @@ static lull_status denoise(const void *tza, size_t bytes, lull_content content, 
 {
     unsigned char *at = memory.bytes + (LULL_ALIGN - (uintptr_t)memory.bytes % LULL_ALIGN);
     lull_frame frame = lull_frame_default(WIDTH, HEIGHT, content, LULL_HAS_COLOR);
-    lull_images images = {.input_scale = NAN, .calm = NAN};
+    lull_images images = {.input_scale = NAN, .calm = NAN, .ragged = NAN};
     lull_image *inputs[3];
     lull_model_info info;
     lull_model *model;

@@ -466,6 +466,13 @@ static void run_guide(const lull_kernels *k)
     k->guide(bytes, NULL, floats + 64 * PIXELS, PIXELS);
 }
 
+static void run_edges(const lull_kernels *k)
+{
+    const float *v = floats + 64 * PIXELS + 1, *smooth = floats + 128 * PIXELS + 1;
+    lull_edging e = {floats, {v, v, v}, {smooth, smooth, smooth}, PLANE, PLANE, 0.1f, 1, PIXELS};
+    k->edges(&e);
+}
+
 static void run_modulate(const lull_kernels *k)
 {
     k->modulate(floats, floats + 64 * PIXELS, PLANE, floats + 128 * PIXELS, PLANE, 0.5f, PIXELS);
@@ -535,6 +542,7 @@ static unsigned bench_pixels(const char *port, const lull_kernels *kernels,
     BENCH(fit, "21 of a cell")
     BENCH(regress, "21 coefficients")
     BENCH(residual, "4 sums")
+    BENCH(edges, "4 lines")
     BENCH(modulate, "3 channels")
     BENCH(luminance, "3 channels")
     BENCH(curve_in, "3 channels")

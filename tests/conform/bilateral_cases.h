@@ -84,6 +84,41 @@ static void bilateral_cases(void)
     }
 }
 
+static void edges_case(unsigned pixels, float even)
+{
+    const float none[] = {NAN, -1.0f, 1e-39f};
+    int at_end = guard_below(2) != 0;
+    size_t bytes = 12 * (size_t)pixels, v_plane = pixels + 2 + GAP, smooth_plane = pixels + 3;
+    float *out = guard_place(GUARD_OUT, bytes, at_end);
+    lull_edging e = {out, {NULL}, {NULL}, v_plane, smooth_plane, 0.0f, 0.7f, pixels};
+    e.strength = guard_below(4) ? LULL_EDGE_SHARE * 0.01f * (float)guard_below(101) : 0.0f;
+    for (unsigned r = 0; r < 3; r++) {
+        float *v = make_floats(GUARD_ROW + r, 2 * v_plane + pixels + 2, 1.0f - even, 1.0f, at_end);
+        for (size_t i = 0; i < 2 * v_plane + pixels + 2; i++) /* no colours: as black */
+            if (guard_below(32) == 0)
+                v[i] = none[guard_below(3)];
+        e.v[r] = v + 1;
+        e.smooth[r] = 1 + make_floats(GUARD_ROW + 3 + r, 2 * smooth_plane + pixels + 2,
+                                      guard_below(2) ? 0.02f : 1.0f, 1.02f, at_end);
+    }
+    now.scalar.edges(&e);
+    memcpy(expected, out, bytes);
+    for (size_t i = 0; i < 3 * (size_t)pixels; i++) {
+        CHECK(out[i] >= 0.0f && out[i] < 0.72f);
+        out[i] = -1.0f;
+    }
+    now.port->edges(&e);
+    same_bytes(out, bytes, "edges", pixels);
+}
+
+static void edges_cases(void)
+{
+    for (unsigned pixels = 1; pixels <= 40; pixels++) {
+        edges_case(pixels, 0.05f);
+        edges_case(pixels, 1.0f);
+    }
+}
+
 static void residual_case(unsigned pixels)
 {
     int at_end = guard_below(2) != 0;

@@ -54,6 +54,7 @@
 #define lull_fit_avx2 emulated_fit_avx2
 #define lull_regress_avx2 emulated_regress_avx2
 #define lull_residual_avx2 emulated_residual_avx2
+#define lull_edges_avx2 emulated_edges_avx2
 #define lull_modulate_avx2 emulated_modulate_avx2
 #define lull_luminance_avx2 emulated_luminance_avx2
 #define lull_conv_f32_avx512 emulated_conv_f32_avx512

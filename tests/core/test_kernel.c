@@ -83,7 +83,7 @@ static void measure_another(lull_plan *plan, const lull_images *images, const lu
         dark[i] = (float)(i / 3 % 7) * 0.001f;
     for (unsigned i = 0; i < 4; i++)
         all[i]->data = all[i]->data ? dark : NULL;
-    other.input_scale = other.calm = NAN;
+    other.input_scale = other.calm = other.ragged = NAN;
     CHECK_EQ(lull_measure(&other, plan, host), LULL_OK);
 }
 
@@ -94,7 +94,7 @@ static void push_rows(lull_plan *plan, const lull_images *images, const lull_hos
     lull_images part = *images;
     lull_image *all[] = {&part.color, &part.albedo, &part.normal};
     CHECK_EQ(lull_measure(&part, plan, host), LULL_OK);
-    CHECK_EQ(lull_rows_begin(plan, part.input_scale, part.calm), LULL_OK);
+    CHECK_EQ(lull_rows_begin(plan, part.input_scale, part.calm, part.ragged), LULL_OK);
     for (unsigned y = 0, rows, ready; y < HEIGHT; y += rows) {
         rows = HEIGHT - y < 7 ? HEIGHT - y : 7;
         CHECK_EQ(lull_rows(plan, &part, rows, &ready, host), LULL_OK);
@@ -121,7 +121,7 @@ static void run_one(const run_case *c, const void *weights, size_t bytes, uint32
     lull_model *model;
     lull_plan *plan;
     memset(&images, 0, sizeof images);
-    images.input_scale = images.calm = NAN;
+    images.input_scale = images.calm = images.ragged = NAN;
     for (unsigned f = 0; f < 3; f++) {
         lull_image image = {feature[f], LULL_F32, 3, 0, 0};
         if (c->features >> f & 1)
@@ -142,7 +142,7 @@ static void run_one(const run_case *c, const void *weights, size_t bytes, uint32
         push_rows(plan, &images, &host);
     } else {
         if (!variant[3])
-            CHECK_EQ(lull_rows_begin(plan, 1.0f, 0.0f), LULL_ERROR_UNSUPPORTED);
+            CHECK_EQ(lull_rows_begin(plan, 1.0f, 0.0f, 0.0f), LULL_ERROR_UNSUPPORTED);
         CHECK_EQ(lull_run(plan, &images, &host), LULL_OK);
     }
     if (!CHECK(memcmp(images.output.data, expected, VALUES * sizeof *out) == 0))
@@ -209,7 +209,7 @@ static void wide_frames_do_not_depend_on_threads_and_strips(void)
         images.output.data = out[i] = malloc(values * sizeof *in);
         if (frame.in_place)
             images.color.data = memcpy(out[i], in, values * sizeof *in);
-        images.input_scale = images.calm = NAN;
+        images.input_scale = images.calm = images.ragged = NAN;
         CHECK_EQ(lull_run(plan, &images, &host), LULL_OK);
         if (!CHECK(memcmp(out[0], out[i], values * sizeof *in) == 0))
             printf("  %u threads, strips of %u\n", threads, forms[i][1]);
@@ -222,15 +222,39 @@ static void wide_frames_do_not_depend_on_threads_and_strips(void)
     free(weights);
 }
 
-/* How calm a frame is: 1 of faint noise, 0 of much, or none, or in too few pixels; whatever the
- * threads, and however the pixels are stored. */
-static void calm_is_the_picture_s(void)
+/* A number in [-1, 1] that looks like chance. */
+static float chance(uint32_t i)
 {
+    uint32_t v = i * 2654435761u;
+    v = (v ^ v >> 15) * 2246822519u;
+    return (float)(v >> 22) / 512.0f - 1.0f;
+}
+
+/* Stripes of eight pixels, and between them one that is like either side, or between both. */
+static float stripe(unsigned x, int is_sharp)
+{
+    float sides[2] = {x / 9 % 2 ? 0.8f : 0.2f, x / 9 % 2 ? 0.2f : 0.8f};
+    return x % 9 < 8 ? sides[0] : is_sharp ? sides[x / 9 % 3 > 0] : 0.5f;
+}
+
+/* How calm a frame is: 1 of faint noise, 0 of much, or none, or in too few pixels; and how ragged:
+ * of much noise, if the albedo's edges are sharp, or too few; whatever the threads, and however the
+ * pixels are stored. */
+static void calm_and_ragged_are_the_picture_s(void)
+{
+    enum { SHARP, BLENDED, EVEN, NONE };
     static const struct {
         unsigned width, height;
         float noise, least, most;
-    } rows[] = {{93, 61, 0.02f, 0.98f, 1},    {93, 61, 0.3f, 0, 0.02f}, {93, 61, 0, 0, 0},
-                {700, 300, 0.02f, 0.98f, 1}, {4, 300, 0.02f, 0, 0},    {5, 5, 0.02f, 1, 1}};
+        unsigned albedo;
+        float ragged;
+    } rows[] = {{93, 61, 0.02f, 0.98f, 1, SHARP, 0}, {93, 61, 0.3f, 0, 0.02f, SHARP, 0},
+                {93, 61, 0, 0, 0, SHARP, 0},         {93, 61, 3, 0, 0, SHARP, 1},
+                {93, 61, 3, 0, 0, BLENDED, 0},       {93, 61, 3, 0, 0, EVEN, 1},
+                {93, 61, 3, 0, 0, NONE, 0},          {700, 300, 3, 0, 0, SHARP, 1},
+                {700, 300, 3, 0, 0, BLENDED, 0},     {700, 300, 0.02f, 0.98f, 1, SHARP, 0},
+                {4, 300, 3, 0, 0, SHARP, 0},         {4, 300, 0.02f, 0, 0, SHARP, 0},
+                {5, 5, 0.02f, 1, 1, SHARP, 0}};
     size_t bytes, model_bytes, plan_bytes;
     void *weights = read_file("weights.tza", &bytes), *model_memory, *plan_memory;
     lull_model *model;
@@ -240,35 +264,43 @@ static void calm_is_the_picture_s(void)
     CHECK_EQ(lull_model_init(&model, model_memory, model_bytes, weights, bytes, LULL_PORTS_ALL),
              LULL_OK);
     for (unsigned row = 0; row < sizeof rows / sizeof rows[0]; row++) {
-        lull_frame frame =
-            lull_frame_default(rows[row].width, rows[row].height, LULL_HDR, LULL_HAS_COLOR);
+        lull_frame frame = lull_frame_default(
+            rows[row].width, rows[row].height, LULL_HDR,
+            LULL_HAS_COLOR | (rows[row].albedo == NONE ? 0u : (unsigned)LULL_HAS_ALBEDO));
         size_t pixels = (size_t)frame.width * frame.height;
-        float *in = malloc(4 * pixels * sizeof *in);
+        float *in = malloc(4 * pixels * sizeof *in), *albedo = malloc(3 * pixels * sizeof *in);
         lull_image image = {in, LULL_F32, 3, 4 * sizeof *in, 0}; /* not tight */
         unsigned threads = 3;
         lull_host host = {&threads, backwards, NULL};
         lull_images images = {0}, again;
         frame.threads = threads;
-        for (size_t i = 0; i < 4 * pixels; i++) {
-            uint32_t v = (uint32_t)i * 2654435761u;
-            v = (v ^ v >> 15) * 2246822519u;
-            in[i] = 1.0f + rows[row].noise * ((float)(v >> 22) / 512.0f - 1.0f);
-        }
+        for (size_t i = 0; i < 4 * pixels; i++)
+            in[i] = 1.0f + rows[row].noise * chance((uint32_t)i);
         in[0] = rows[row].noise > 0 ? NAN : in[0];
+        for (size_t i = 0; i < 3 * pixels; i++)
+            albedo[i] = rows[row].albedo == EVEN
+                            ? 0.5f
+                            : stripe((unsigned)(i / 3 % frame.width), rows[row].albedo == SHARP);
         plan_bytes = lull_plan_size(&frame, model);
         plan_memory = aligned(plan_bytes);
         CHECK_EQ(lull_plan_init(&plan, plan_memory, plan_bytes, &frame, model), LULL_OK);
         images.color = images.output = image;
-        images.input_scale = images.calm = NAN;
+        images.albedo = (lull_image){albedo, LULL_F32, 3, 0, 0};
+        images.input_scale = images.calm = images.ragged = NAN;
         again = images;
         CHECK_EQ(lull_measure(&images, plan, &host), LULL_OK);
         CHECK_EQ(lull_measure(&again, plan, NULL), LULL_OK);
-        CHECK(images.calm == again.calm && images.input_scale == again.input_scale);
-        if (!CHECK(images.calm >= rows[row].least && images.calm <= rows[row].most))
-            printf("  %ux%u, noise %g: %g\n", rows[row].width, rows[row].height,
-                   (double)rows[row].noise, (double)images.calm);
+        CHECK(images.calm == again.calm && images.ragged == again.ragged &&
+              images.input_scale == again.input_scale);
+        if (!CHECK(images.calm >= rows[row].least && images.calm <= rows[row].most) ||
+            !CHECK(fabsf(images.ragged - rows[row].ragged) < 0.02f))
+            printf("  row %u: %g, %g\n", row, (double)images.calm, (double)images.ragged);
+        again.calm = again.ragged = 0.2f; /* known */
+        CHECK_EQ(lull_measure(&again, plan, NULL), LULL_OK);
+        CHECK(again.calm == 0.2f && again.ragged == 0.2f);
         free(plan_memory);
         free(in);
+        free(albedo);
     }
     free(model_memory);
     free(weights);
@@ -280,6 +312,6 @@ int main(int argc, char **argv)
     lull_ports_request();
     RUN(equals_the_reference);
     RUN(wide_frames_do_not_depend_on_threads_and_strips);
-    RUN(calm_is_the_picture_s);
+    RUN(calm_and_ragged_are_the_picture_s);
     return check_report();
 }

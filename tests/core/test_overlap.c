@@ -82,7 +82,7 @@ static void check_case(const overlap_case *c, const lull_model *model, float *pi
     images.color.channels = images.output.channels = 3;
     images.output.data = expected;
     images.output.type = c->type;
-    images.input_scale = images.calm = NAN;
+    images.input_scale = images.calm = images.ragged = NAN;
     CHECK_EQ(run(model, &images, 0, 0), LULL_OK);
     memset(memory, 0, ROOM);
     move_pixels(memory + c->input, (uint8_t *)picture, 12, c->input_pixel, c->row, 0);

@@ -49,7 +49,7 @@ static scene make_scene(unsigned width, unsigned height, unsigned channels)
     s.images.albedo = view(s.feature[1], 3);
     s.images.normal = view(s.feature[2], 3);
     s.images.output = view(s.output, channels);
-    s.images.input_scale = s.images.calm = NAN;
+    s.images.input_scale = s.images.calm = s.images.ragged = NAN;
     return s;
 }
 
@@ -240,7 +240,7 @@ static void run_streamed(const char *weights)
         CHECK_EQ(lull_run(plan, &s.images, NULL), LULL_OK);
         memcpy(whole, s.output, bytes);
         memset(s.output, 0, bytes);
-        CHECK_EQ(lull_rows_begin(plan, 0.7f, NAN), LULL_OK);
+        CHECK_EQ(lull_rows_begin(plan, 0.7f, NAN, NAN), LULL_OK);
         while (in < s.height) {
             unsigned n = pushes[v] < s.height - in ? pushes[v] : s.height - in, ready = 0;
             lull_images images = s.images;
@@ -252,7 +252,7 @@ static void run_streamed(const char *weights)
             CHECK(ready <= n + info.delay_rows);
             in += n;
             out += ready;
-            other.images.input_scale = other.images.calm = NAN;
+            other.images.input_scale = other.images.calm = other.images.ragged = NAN;
             CHECK_EQ(lull_measure(&other.images, plan, NULL), LULL_OK); /* changes nothing */
             CHECK(in == s.height || out + info.delay_rows + 1 >= in);
         }
@@ -336,7 +336,7 @@ static void scale_is_the_run_s(void)
         scale = s.images.input_scale;
         CHECK(scale == (is_hdr ? lull_autoexposure(&s.images.color, s.width, s.height) : 1));
         CHECK(!is_hdr || scale != 1);
-        CHECK(s.images.calm == 0); /* direct networks do not ask */
+        CHECK(s.images.calm == 0 && s.images.ragged == 0); /* direct networks do not ask */
         CHECK_EQ(lull_run(plan, &s.images, NULL), LULL_OK);
         CHECK(memcmp(own, s.output, bytes) == 0);
         s.images.input_scale = 0.7f;
@@ -464,7 +464,7 @@ static void content_suits_the_main_image(void)
             *(f == 0 ? &images.color : f == 1 ? &images.albedo : &images.normal) =
                 view(s.feature[f], 3);
             images.output = s.images.output;
-            images.input_scale = images.calm = NAN;
+            images.input_scale = images.calm = images.ragged = NAN;
             CHECK_EQ(lull_run(plan, &images, NULL), LULL_OK);
         }
     free(memory);

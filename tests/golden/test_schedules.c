@@ -64,7 +64,7 @@ static uint64_t run(const lull_model *model, unsigned workers, unsigned strip_wi
     }
     images.output.data = output;
     images.output.channels = 3;
-    images.input_scale = images.calm = NAN;
+    images.input_scale = images.calm = images.ragged = NAN;
     memset(output, 0xff, (size_t)WIDTH * HEIGHT * 3 * sizeof *output);
     CHECK_EQ(lull_run(plan, &images, &host), LULL_OK);
     free(memory);
