@@ -15,7 +15,7 @@ from export.reference import padded
 from training.errors import DATA, USAGE, ToolError
 from training.features import clean
 from training.imageio import read_exr_channels, read_image
-from training.layers import find_channels
+from training.layers import find_images
 
 PIXELS = 1 << 18   # of all calibration pictures together, taken from their middles
 LARGEST = 1 << 16  # of one, of those of training data
@@ -78,7 +78,7 @@ def read_picture(path: Path, kind: Kind, optional: Sequence[str] = ()) -> dict[s
             image = read_image(file) if file.is_file() else None
         elif path.suffix.lower() == ".exr":
             channels = read_exr_channels(path)
-            names = find_channels(short, channels)
+            names = find_images(short, channels)
             image = np.stack([channels[n] for n in names], -1) if names else None
         elif feature == kind.features[0]:
             image = read_image(path)

@@ -11,7 +11,7 @@ import numpy as np
 from training import color
 from training.errors import DATA, ToolError
 from training.imageio import read_exr_channels, read_image
-from training.layers import find_channels
+from training.layers import find_channels, find_images
 from training.scan import CHANNELS, MAIN_FEATURES, Version
 
 FLT_MAX = float(np.finfo(np.float32).max)
@@ -43,9 +43,11 @@ def load_raw(version: Version, feature: str, layers: dict[str, str] | None = Non
     if "*" in version.files and feature not in version.files and feature != "sh1":
         path = version.files["*"]
         channels = _channels_of(path, opened)
-        names = find_channels(feature, channels, (layers or {}).get(feature))
+        names = find_images(feature, channels, layers)
         if names is None:
-            raise ToolError(f"{path}: no channels for '{feature}' (has: {', '.join(channels)}; "
+            light = find_channels(feature, channels, (layers or {}).get(feature))
+            why = f"{', '.join(light)} is light; has" if light else "has"
+            raise ToolError(f"{path}: no channels for '{feature}' ({why}: {', '.join(channels)}; "
                             f"choose with --layers {feature}=PREFIX)", DATA)
         return _fit(np.stack([channels[n] for n in names], -1), CHANNELS[feature])
     if feature == "sh1":
@@ -84,7 +86,7 @@ def holds(version: Version, features: list[str], layers: dict[str, str] | None =
     if "*" not in version.files or not rest:
         return not version.missing(features)
     channels = _channels_of(version.files["*"], opened)
-    return all(find_channels(f, channels, (layers or {}).get(f)) for f in rest)
+    return all(find_images(f, channels, layers) for f in rest)
 
 
 def load(version: Version, features: list[str], layers: dict[str, str] | None = None,

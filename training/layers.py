@@ -6,6 +6,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+import numpy as np
+
 # Layers by feature, in order of preference; "" is a layer without a name (plain R, G, B).
 LAYERS: dict[str, tuple[str, ...]] = {
     "hdr": ("", "Noisy Image", "Beauty", "Combined", "Image", "rgba", "rgb", "color", "C"),
@@ -37,6 +39,36 @@ def find_channels(feature: str, available: Iterable[str],
         if found := _find_layer(wanted, names, kinds):
             return found
     return next(((n,) for n in names if layer is not None and n.lower() == layer.lower()), None)
+
+
+def find_images(feature: str, channels: dict[str, np.ndarray],
+                layers: dict[str, str] | None = None) -> tuple[str, ...] | None:
+    """As find_channels, of a file that was read: a layer called diffuse is no albedo where it is
+    light, as it is to most renderers. layers: the user's choices by feature."""
+    chosen = layers or {}
+    names = find_channels(feature, channels, chosen.get(feature))
+    if feature != "alb" or "alb" in chosen or not names or not _may_be_light(names[0]):
+        return names
+    color = find_channels("hdr", channels, chosen.get("hdr") or chosen.get("ldr"))
+    albedo, light = (np.stack([channels[n] for n in found], -1) if found else None
+                     for found in (names, color))
+    return None if light is not None and _is_light(albedo, light) else names
+
+
+def _may_be_light(channel: str) -> bool:
+    return f".{channel.lower()}".rpartition(".")[0].endswith(".diffuse")
+
+
+def _is_light(albedo: np.ndarray, color: np.ndarray) -> bool:
+    """image_is_light of apps/compare.c: light that is part of the colour is hardly ever brighter;
+    where the colour is brighter than any albedo it tells nothing, unless the other is, too."""
+    if albedo.shape[:2] != color.shape[:2]:
+        return False
+    a, c = (np.where(np.isfinite(i), i, 0).mean(-1, dtype=np.float64) for i in (albedo, color))
+    told = c < 1
+    if not told.any():
+        return bool((a > 1.02).any())
+    return 100 * np.count_nonzero(a[told] > 1.02 * c[told] + 0.001) < np.count_nonzero(told)
 
 
 def _find_layer(layer: str, names: list[str],

@@ -20,7 +20,7 @@ import numpy as np
 from training import errors
 from training.errors import DATA, ToolError
 from training.imageio import read_exr_channels, replacing, write_exr
-from training.layers import find_channels
+from training.layers import find_images
 from training.settings import parse
 
 FEATURES = ("hdr", "a", "alb", "nrm", "z")
@@ -49,7 +49,7 @@ def main(argv: list[str]) -> None:
 
 def split(path: Path, channels: dict[str, np.ndarray], feature: str) -> bool:
     """Write one feature if its channels are there."""
-    names = find_channels(feature, channels)
+    names = find_images(feature, channels)
     if names is None:
         return False
     out = path.with_name(f"{path.stem}.{feature}.exr")

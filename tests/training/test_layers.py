@@ -7,8 +7,10 @@ import OpenEXR
 import pytest
 
 from tests.training.tools import noisy, picture, write_features
+from export import calibrate
 from training import doctor, split_exr
-from training.features import load
+from training.errors import ToolError
+from training.features import holds, load
 from training.imageio import read_exr_channels, read_image, write_exr
 from training.layers import COMPONENTS, LAYERS, find_channels
 from training.scan import scan
@@ -116,3 +118,30 @@ def test_inputs_without_features_are_findings(tmp_path, capsys, fails):
     assert fails(doctor.main, ["hdr", "alb", *args])[1] == "2 findings in 1 groups"
     assert "a_16.exr: no channels for 'alb'" in capsys.readouterr().out
     doctor.main(["hdr", "alb", *args, "--layers", "alb=mine"])
+
+
+@pytest.mark.parametrize("write", [write_layers, write_parts])
+@pytest.mark.parametrize("exposure", [0.1, 1, 1000])
+@pytest.mark.parametrize("is_light", [False, True])
+def test_diffuse_light_is_no_albedo(tmp_path, write, exposure, is_light):
+    """To Arnold, RenderMan and others it is the light of diffuse surfaces; as for oidnDenoise."""
+    layers = (("beauty" if write is write_parts else "", "hdr", "RGB"),
+              ("diffuse", "diffuse", "RGB"), ("N", "nrm", "XYZ"))
+    for spp in (4, 512):
+        images = noisy(picture(4), spp, 1)
+        images["hdr"] = images["hdr"] * exposure
+        images["diffuse"] = 0.9 * images["hdr"] if is_light else images["alb"]
+        write(tmp_path / "d" / f"a_{spp}spp.exr", images, layers)
+    version = scan(tmp_path / "d", F).groups[0].inputs[0]
+    named = load(version, F, {"alb": "diffuse"})
+    if is_light:
+        with pytest.raises(ToolError, match="diffuse.R, diffuse.G, diffuse.B is light"):
+            load(version, F)
+        assert not holds(version, F) and holds(version, F, {"alb": "diffuse"})
+    else:
+        assert np.array_equal(load(version, F)["alb"], named["alb"]) and holds(version, F)
+    split_exr.main([str(tmp_path / "d" / "a_4spp.exr")])
+    assert (tmp_path / "d" / "a_4spp.alb.exr").exists() != is_light
+    kind = calibrate.Kind(("color", "normal"), "hdr")
+    optional = calibrate.read_picture(tmp_path / "d" / "a_4spp.exr", kind, ["albedo"])
+    assert ("albedo" in optional) != is_light
