@@ -21,6 +21,7 @@ LAYERS: dict[str, tuple[str, ...]] = {
 LAYERS["ldr"] = LAYERS["hdr"]
 COMPONENTS = (("r", "g", "b"), ("x", "y", "z"), ("red", "green", "blue"))
 SINGLE = {"z": (("z",), ("v",)), "a": (("a",),)}  # components of features of one channel
+BESIDE = ("alb", "nrm", "z")  # those of the colour's view layer come first
 ANY = (*COMPONENTS, ("z",), ("y",), ("v",))
 
 
@@ -43,16 +44,33 @@ def find_channels(feature: str, available: Iterable[str],
 
 def find_images(feature: str, channels: dict[str, np.ndarray],
                 layers: dict[str, str] | None = None) -> tuple[str, ...] | None:
-    """As find_channels, of a file that was read: a layer called diffuse is no albedo where it is
-    light, as it is to most renderers. layers: the user's choices by feature."""
+    """As find_channels, of a file that was read: what has the prefix of the colour comes before all
+    others, and a layer called diffuse is no albedo where it is light, as it is to most renderers.
+    layers: the user's choices by feature."""
     chosen = layers or {}
-    names = find_channels(feature, channels, chosen.get(feature))
-    if feature != "alb" or "alb" in chosen or not names or not _may_be_light(names[0]):
-        return names
+    if feature in chosen or feature not in BESIDE:
+        return find_channels(feature, channels, chosen.get(feature))
     color = find_channels("hdr", channels, chosen.get("hdr") or chosen.get("ldr"))
-    albedo, light = (np.stack([channels[n] for n in found], -1) if found else None
-                     for found in (names, color))
-    return None if light is not None and _is_light(albedo, light) else names
+    names = (color and _find_beside(feature, color[0], channels)
+             or find_channels(feature, channels))
+    if feature == "alb" and names and color and _may_be_light(names[0]):
+        albedo, light = (np.stack([channels[n] for n in found], -1) for found in (names, color))
+        return None if _is_light(albedo, light) else names
+    return names
+
+
+def _find_beside(feature: str, color: str, names: Iterable[str]) -> tuple[str, ...] | None:
+    """The channels of a feature with the longest prefix of the colour's: for Char.Combined.R those
+    of the view layer Char."""
+    prefix = color.rpartition(".")[0]
+    while prefix:
+        own = {n[len(prefix) + 1:]: n for n in names if n.lower().startswith(f"{prefix}.".lower())}
+        for layer in filter(None, LAYERS[feature]):
+            whole = [n for n in own if n.lower().rpartition(".")[0] == layer.lower()]
+            if found := _find_layer(layer, whole, SINGLE.get(feature, COMPONENTS)):
+                return tuple(own[n] for n in found)
+        prefix = prefix.rpartition(".")[0]
+    return None
 
 
 def _may_be_light(channel: str) -> bool:

@@ -145,3 +145,21 @@ def test_diffuse_light_is_no_albedo(tmp_path, write, exposure, is_light):
     kind = calibrate.Kind(("color", "normal"), "hdr")
     optional = calibrate.read_picture(tmp_path / "d" / "a_4spp.exr", kind, ["albedo"])
     assert ("albedo" in optional) != is_light
+
+
+def test_features_are_those_of_the_colours_view_layer(tmp_path):
+    """What has the prefix of the colour that was taken comes before all others, as for
+    oidnDenoise."""
+    back, char = picture(5), picture(6)
+    back = {f: 0.5 * i for f, i in back.items()}
+    images = {f"b{f}": i for f, i in back.items()} | char
+    write_layers(tmp_path / "d" / "a_4.exr", images, [
+        ("Back.Combined", "bhdr", "RGB"), ("Back.Denoising Albedo", "balb", "RGB"),
+        ("Back.Denoising Normal", "bnrm", "XYZ"), ("char.DiffCol", "alb", "RGB"),
+        ("Char.Combined", "hdr", "RGB"), ("char.Normal", "nrm", "XYZ")])
+    version = scan(tmp_path / "d", F, need_target=False).groups[0].inputs[0]
+    for chosen, want in ({}, back), ({"hdr": "Char.Combined"}, char):
+        for feature, image in load(version, F, chosen).items():
+            assert np.array_equal(image, want[feature].astype(np.float32)), (chosen, feature)
+    named = load(version, F, {"hdr": "Char.Combined", "alb": "Back.Denoising Albedo"})
+    assert np.array_equal(named["alb"], back["alb"])
