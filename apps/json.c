@@ -24,7 +24,8 @@ static void append(json *j, const char *bytes, size_t n)
     j->text[j->size] = 0;
 }
 
-/* Bytes of the valid UTF-8 character at s, 0 if it is none. */
+/* Bytes of the valid UTF-8 character at s, 0 if it is none: one in more bytes than it needs, half
+ * of a pair, or beyond U+10FFFF. */
 static size_t utf8_length(const unsigned char *s)
 {
     size_t n = s[0] < 0x80 ? 1 : s[0] >= 0xc2 && s[0] < 0xe0 ? 2 : (s[0] & 0xf0) == 0xe0 ? 3 : 0;
@@ -33,6 +34,9 @@ static size_t utf8_length(const unsigned char *s)
     for (size_t i = 1; i < n; i++)
         if ((s[i] & 0xc0) != 0x80)
             return 0;
+    if ((s[0] == 0xe0 && s[1] < 0xa0) || (s[0] == 0xed && s[1] >= 0xa0) ||
+        (s[0] == 0xf0 && s[1] < 0x90) || (s[0] == 0xf4 && s[1] >= 0x90))
+        return 0;
     return n;
 }
 

@@ -259,13 +259,17 @@ static void json_is_escaped(void)
     json_number(&j, "big", 4294967296.0);
     json_open(&j, "list", '[');
     json_bool(&j, NULL, 1);
+    /* Half of a pair, beyond U+10FFFF, in more bytes than needed; and the last ones before them. */
+    json_text(&j, NULL, "\xed\xa0\x80 \xf4\x90\x80\x80 \xe0\x80\xaf \xf0\x8f\xbf\xbf");
+    json_text(&j, NULL, "\xed\x9f\xbf \xf4\x8f\xbf\xbf \xe0\xa0\x80 \xf0\x90\x80\x80");
     json_open(&j, NULL, '{');
     json_close(&j, '}');
     json_close(&j, ']');
     json_close(&j, '}');
     CHECK_STR(j.text,
               "{\"a\\\"b\": \"tab\\u0009 back\\\\ \xc3\xa4 bad??\", \"n\": 0.1, \"inf\": null, "
-              "\"big\": 4294967296, \"list\": [true, {}]}");
+              "\"big\": 4294967296, \"list\": [true, \"\?\?\? \?\?\?\? \?\?\? \?\?\?\?\", "
+              "\"\xed\x9f\xbf \xf4\x8f\xbf\xbf \xe0\xa0\x80 \xf0\x90\x80\x80\", {}]}");
     free(j.text);
 }
 
