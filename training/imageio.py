@@ -144,7 +144,7 @@ def read_hdr(path: Path) -> np.ndarray:
         raise ValueError("not a Radiance picture with rows from the top")
     h, w = int(words[1]), int(words[3])
     raw = np.frombuffer(body, np.uint8)
-    if not (8 <= w < 32768 and raw[:2].tolist() == [2, 2]):
+    if not (8 <= w < 32768 and raw[:2].tolist() == [2, 2] and raw[2] < 128):  # no blue pixel
         rgbe = raw[:h * w * 4].reshape(h, w, 4)
     else:
         rgbe, at = np.empty((h, 4, w), np.uint8), 0

@@ -18,6 +18,14 @@ def test_image_round_trip(tmp_path, ext, tolerance, channels):
     assert [p.name for p in tmp_path.iterdir()] == [f"x.{ext}"]  # no temporary file stays
 
 
+def test_flat_hdr_whose_first_pixel_is_blue(tmp_path):
+    """Red and green of 2 are the mark of run lengths only before a blue that is below 128."""
+    image = np.full((4, 9, 3), 0.5, np.float32)
+    image[0, 0] = 2 / 256, 2 / 256, 0.75
+    write_image(tmp_path / "x.hdr", image)
+    assert np.array_equal(read_image(tmp_path / "x.hdr"), image)
+
+
 def test_normals_named_xyz(tmp_path):
     """Y of X,Y,Z is no luminance: three channels, as R,G,B would be."""
     import OpenEXR
