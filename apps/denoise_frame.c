@@ -103,8 +103,8 @@ static exit_code device_error(const frame_job *job, int is_commit)
     return report_error(EXIT_DENOISE, "%s: %s", job->inputs.paths[job->inputs.main], text);
 }
 
-/* The memory of the result, of the input's size, type and channels; or, if the result replaces the
- * input and is wanted several times, weaker or steadier, a copy of the input. */
+/* The memory of the result, of the input's window, type and channels; or, if the result replaces
+ * the input and is wanted several times, weaker or steadier, a copy of the input. */
 static exit_code make_output(frame_job *job)
 {
     image *main = &job->inputs.images[job->inputs.main];
@@ -116,6 +116,7 @@ static exit_code make_output(frame_job *job)
     if (image_create(made, main->width, main->height, main->channels, main->type, &error))
         return report_error(EXIT_DENOISE, "%s: %s", job->inputs.paths[job->inputs.main],
                             error.text);
+    made->left = main->left, made->top = main->top;
     if (job->settings->is_in_place)
         memcpy(made->pixels, main->pixels, image_bytes(main));
     return EXIT_OK;

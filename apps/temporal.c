@@ -33,6 +33,7 @@ typedef struct mixing {
     float *noisy, *here, *motion;
     float floor;    /* of light */
     float scale[2]; /* of motion vectors */
+    float left, top; /* of the data window, less those of the one before */
 } mixing;
 
 /* ---- Guides ---------------------------------------------------------------------------------- */
@@ -122,7 +123,8 @@ static void find_signs(temporal *t, mixing *m)
                 continue;
             count++;
             for (int s = 0; s < 4; s++) {
-                float px = (float)x + mx * signs[s][0], py = (float)y + my * signs[s][1];
+                float px = (float)x + m->left + mx * signs[s][0];
+                float py = (float)y + m->top + my * signs[s][1];
                 sum[s] += nearest(t, px, py, &pixel)
                               ? guide_distance(m->guide + here * GUIDES, t->guide + pixel * GUIDES)
                               : GUIDE_LIMIT;
@@ -217,12 +219,13 @@ static void prepare_row(const mixing *m, size_t y)
         float mx = steps ? m->motion[x * steps] * m->scale[0] : 0;
         float my = steps ? m->motion[x * steps + 1] * m->scale[1] : 0;
         float far = fabsf(mx) > fabsf(my) ? fabsf(mx) : fabsf(my), most, before, now, d;
+        float px = (float)x + m->left + mx, py = (float)y + m->top + my;
         size_t pixel;
-        if (!nearest(t, (float)x + mx, (float)y + my, &pixel) ||
+        if (!nearest(t, px, py, &pixel) ||
             guide_distance(m->guide + (y * t->width + x) * GUIDES, t->guide + pixel * GUIDES) >
                 GUIDE_LIMIT)
             continue;
-        fetch(moved + x * channels, t, (float)x + mx, (float)y + my);
+        fetch(moved + x * channels, t, px, py);
         before = light_of(moved + x * channels, channels);
         now = light_of(m->here + x * channels, channels);
         if (!isfinite(before) || !isfinite(now)) /* halves end at 65504 */
@@ -299,6 +302,8 @@ static int goes_on(const temporal *t, const temporal_frame *frame, int features)
 static void mix(temporal *t, mixing *m, float *column)
 {
     const size_t height = t->height;
+    m->left = (float)(m->frame->noisy->left - t->left);
+    m->top = (float)(m->frame->noisy->top - t->top);
     memcpy(m->scale, m->frame->scale ? m->frame->scale : t->scale, sizeof m->scale);
     if (m->frame->motion && m->scale[0] == 0 && m->scale[1] == 0)
         find_signs(t, m);
@@ -354,6 +359,7 @@ int temporal_mix(temporal *t, image *result, const temporal_frame *frame)
     free(m.rows);
     free(t->last), free(t->guide), free(t->age);
     t->width = result->width, t->height = result->height, t->channels = result->channels;
+    t->left = frame->noisy->left, t->top = frame->noisy->top;
     t->last = last, t->guide = m.guide, t->age = m.age;
     t->features = features, t->number = frame->number;
     return 0;

@@ -9,6 +9,7 @@
 /* What is kept of the frame before. A zeroed struct has had none. */
 typedef struct temporal {
     size_t width, height;
+    int left, top; /* corner of the data window */
     unsigned channels;
     float *last;    /* its mixed result, width * height * channels; NULL: none */
     uint8_t *guide; /* 6 per pixel: 3x3 means of albedo and normal; 255 stands for 1 */
@@ -20,7 +21,7 @@ typedef struct temporal {
 
 typedef struct temporal_frame {
     int number;         /* the frame before has the number before, else nothing is mixed */
-    const image *noisy; /* linear or not, as the result */
+    const image *noisy; /* linear or not, as the result; of a data window that may move */
     const image *albedo, *normal; /* NULL: there is none */
     const image *motion; /* two channels or more: where in the frame before a pixel was, less where
                           * it is, in pixels, by the scale below to the right and down. NULL:

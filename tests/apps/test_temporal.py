@@ -189,6 +189,29 @@ def test_results_that_are_infinite(denoise, work):
         assert np.array_equal(np.isinf(a), np.isinf(s)) and not np.isnan(s).any()
 
 
+@pytest.mark.parametrize("options", [(), ("--inplace",)])
+def test_data_windows_that_move(denoise, work, exr, options):
+    """A crop that wanders over a picture that stands still: what was seen before has not moved."""
+    pans = [3.0 * k for k in range(FRAMES)]
+    write_frames(work, pans)
+    steady = results(work, denoise, "--temporal", "--motion", "m#.pfm")
+    for k in range(FRAMES):
+        planes = {}
+        for name, file, letters in (("", "c", "RGB"), ("albedo.", "a", "RGB"),
+                                    ("normal.", "n", "XYZ")):
+            planes |= t.planes(name, t.read_pfm(work / f"{file}{k}.pfm"), letters, np.float32)
+        corner = np.array([int(pans[k]) - 5, 7], np.int32)
+        header = {"dataWindow": (corner, corner + np.array([WIDTH - 1, HEIGHT - 1], np.int32))}
+        t.write_exr(work / f"e{k}.exr", planes, **header)
+    done = denoise("e#.exr", "-q", "fast", "--temporal", *STILL, "--frames", f"0-{FRAMES - 1}",
+                   "-o", "o#.pfm", *options)
+    assert done.code == 0, done.err
+    wandering = [t.read_pfm(work / f"o{k}.pfm") for k in range(FRAMES)]
+    assert np.array_equal(wandering[0], steady[0])
+    clean = [texture(5)["clean"][:, int(p):int(p) + WIDTH] for p in pans]
+    assert error(wandering, clean) <= error(steady, clean)
+
+
 @pytest.mark.parametrize("layer", ["Vector", "ViewLayer.Vector", "motionvector", "velocity"])
 @pytest.mark.parametrize("components", ["XYZ", "XY", "RG"])
 def test_layers_of_motion(denoise, work, exr, layer, components):
