@@ -25,6 +25,10 @@ from training.options import (BY_FAMILY, KERNEL_LR, LR_PER_SAMPLE, LR_PER_SAMPLE
 from training.scan import ALIASES, CHANNELS, FEATURES
 
 
+# What config.json of a result says beyond the options: what followed from them, or from the data.
+DERIVED = ("main_feature", "aux_features", "family", "held_out")
+
+
 class Settings:
     """Frozen attributes: the values of all options of a script, and what was derived from them."""
 
@@ -101,8 +105,8 @@ def parse(script: str, argv: list[str], doc: str = "", **more: Any) -> Settings:
 
 
 def read_config(path: Path, rows: dict[str, Option], script: str) -> dict[str, Any]:
-    """The JSON object of a settings file, checked against the script's options. An option without
-    a default may be null."""
+    """The JSON object of a settings file, which may be config.json of a result, checked against the
+    script's options. An option without a default may be null."""
     try:
         loaded = json.loads(path.read_text())
     except OSError as e:
@@ -111,6 +115,7 @@ def read_config(path: Path, rows: dict[str, Option], script: str) -> dict[str, A
         raise ToolError(f"{path}: not JSON ({e})", DATA) from e
     if not isinstance(loaded, dict):
         raise ToolError(f"{path}: not a JSON object", DATA)
+    loaded = {key: value for key, value in loaded.items() if key not in DERIVED}
     unknown = sorted(set(loaded) - set(rows))
     if unknown:
         raise ToolError(f"{path}: unknown settings: {', '.join(unknown)}", USAGE)

@@ -204,6 +204,18 @@ def test_what_a_settings_file_may_hold(work):
     assert parse("infer", ["-c", "s.json"]).num_epochs is None
 
 
+@pytest.mark.parametrize("args", [
+    ["hdr", "alb", "-m", "k8", "--raw", "--hold_out", "2", "-t", "a", "--layers", "alb=MyAlbedo"],
+    ["hdr", "--time-budget", "45m", "-n", "2", "-b", "4"]])
+def test_the_settings_of_a_result_train_another(work, args):
+    """config.json says more than the options: what followed from them, and what is held out."""
+    first = parse("train", [*args, "-r", "one"]).replace(held_out=["a", "b"])
+    Path("config.json").write_text(json.dumps(first.to_dict()))
+    again = parse("train", ["-c", "config.json", "-r", "two"])
+    want = {**first.to_dict(), "config": "config.json", "result": "two"}
+    assert again.to_dict() | {"held_out": ["a", "b"]} == want
+
+
 def test_times():
     assert [seconds(t) for t in ("90", "90s", "1.5m", "2h", "1d")] == [90, 90, 90, 7200, 86400]
 
