@@ -114,6 +114,8 @@ def calibration_set(folder: Path, count: int, all_features: bool = False) -> lis
     from training.features import load
     from training.scan import scan
     groups = sorted(scan(folder, ["hdr", "alb", "nrm"]).groups, key=lambda g: g.name)
+    if not groups:
+        raise errors.ToolError(f"{folder}: no group with hdr alb nrm and a reference", errors.DATA)
     inputs = []
     for i, group in enumerate(groups[::max(len(groups) // count, 1)][:count]):
         images = load(group.inputs[i % len(group.inputs)], ["hdr", "alb", "nrm"])
@@ -161,6 +163,8 @@ def main(argv: list[str]) -> None:
                         "error of codes, in that of their own rounding, that a layer may have more "
                         "for sums in words (%(default)g; 0: no such sums)")
     args = parser.parse_args(argv)
+    if args.count < 1:
+        raise errors.ToolError(f"--count {args.count}: not positive", errors.USAGE)
     with errors.reading(args.input):
         write_tensors(args.output, tensors_of(quantized(args)))
 

@@ -13,7 +13,7 @@ import torch
 
 from export import export, kernel, quantize_kernel
 from export.tza import Reader, write_weights
-from tests.training.tools import core_and_infer, in_both
+from tests.training.tools import core_and_infer, in_both, picture, write_features
 from tests.training.test_train import Stop, compare_processes, losses, same, state
 from training import (color, evaluate, find_lr, infer, nets, preprocess,
                       train, visualize)
@@ -274,7 +274,12 @@ def test_weights_of_elsewhere(raw, work, fails, capsys):
     for arguments, code in ((["bad.pt", "x.tza"], 4), (["none.tza", "x.tza"], 3),
                             (["k.tza", "k.pt/x.tza"], 5)):  # the output's folder is a file
         assert fails(quantize_kernel.main, [*arguments, *data])[0] == code
-    assert fails(quantize_kernel.main, ["k.tza", "x.tza", "--data", "nothing"])[0] == 3
+    write_features(Path("alone"), "a_4", picture(1))
+    for name, text in ("nothing", "no such data set"), ("alone", "and a reference"):
+        code, message = fails(quantize_kernel.main, ["k.tza", "x.tza", "--data", name])
+        assert code == 3 and text in message
+    code, message = fails(quantize_kernel.main, ["k.tza", "x.tza", *data, "--count", "0"])
+    assert code == 2 and "--count 0" in message
     wild = {k: v * (1e4 if k in ("enc4b.weight", "head4.weight") else 1)
             for k, v in net.state_dict().items()}
     torch.save(wild, "wild.pt")
