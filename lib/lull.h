@@ -19,7 +19,8 @@
  *
  * All memory given to the library must be aligned to LULL_ALIGN bytes and stays the caller's: it is
  * released by freeing it, there is no destroy. Every function may be called from any thread; one
- * plan must not be used by two calls at the same time. Output bytes do not depend on the number of
+ * plan must not be used by two calls at the same time. Threads must round to nearest and trap no
+ * floating-point exceptions, as C does by default. Output bytes do not depend on the number of
  * threads, on strips or on the row step; for integer networks they do not depend on the CPU either.
  */
 #ifndef LULL_H

@@ -198,6 +198,7 @@ bool lull_call_begin(lull_call *call, OIDNDevice device)
 {
     call->device = device;
     call->fault.code = OIDN_ERROR_NONE;
+    call->floats = lull_floats_default();
     if (!device)
         return lull_fail(&call->fault, OIDN_ERROR_INVALID_ARGUMENT, "handle is null");
     lull_device_hold(device);
@@ -218,6 +219,7 @@ bool lull_call_end(lull_call *call)
                                       &user);
     if (call->device)
         lull_device_drop(call->device);
+    lull_floats_restore(call->floats);
     if (function)
         function(user, call->fault.code, call->fault.text);
     return ok;

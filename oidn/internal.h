@@ -343,6 +343,7 @@ struct OIDNSemaphoreImpl {
 typedef struct lull_call {
     OIDNDevice device;
     lull_fault fault;
+    uint64_t floats; /* the host's mode of floating point, which weights do not depend on */
 } lull_call;
 
 /* Locks and holds the device; NULL is an error of no device and returns false. */

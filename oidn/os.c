@@ -76,6 +76,49 @@ void lull_os_free(void *block)
     free(raw);
 }
 
+/* ---- Floating point -------------------------------------------------------------------------- */
+
+#if defined(__GNUC__) && defined(__SSE__)
+
+void lull_floats_restore(uint64_t had)
+{
+    const uint32_t mode = (uint32_t)had;
+
+    __asm__ __volatile__("ldmxcsr %0" ::"m"(mode) : "memory");
+}
+
+uint64_t lull_floats_default(void)
+{
+    uint32_t had;
+
+    __asm__ __volatile__("stmxcsr %0" : "=m"(had)::"memory");
+    lull_floats_restore(0x1f80); /* no traps, nearest */
+    return had;
+}
+
+#elif defined(__GNUC__) && defined(__aarch64__)
+
+void lull_floats_restore(uint64_t had)
+{
+    __asm__ __volatile__("msr fpcr, %0" ::"r"(had) : "memory");
+}
+
+uint64_t lull_floats_default(void)
+{
+    uint64_t had;
+
+    __asm__ __volatile__("mrs %0, fpcr" : "=r"(had)::"memory");
+    lull_floats_restore(0);
+    return had;
+}
+
+#else
+
+void lull_floats_restore(uint64_t had) { (void)had; }
+uint64_t lull_floats_default(void) { return 0; }
+
+#endif
+
 /* ---- Threads: none --------------------------------------------------------------------------- */
 
 #if !LULL_WITH_THREADS
@@ -156,6 +199,7 @@ static DWORD WINAPI thread_main(void *p)
     thread_start start = *(thread_start *)p;
 
     lull_os_free(p);
+    lull_floats_default();
     start.run(start.arg);
     return 0;
 }
@@ -207,6 +251,7 @@ static void *thread_main(void *p)
     thread_start start = *(thread_start *)p;
 
     lull_os_free(p);
+    lull_floats_default();
     start.run(start.arg);
     return NULL;
 }

@@ -78,6 +78,12 @@ int lull_thread_pin(int cpu);
 /* A number other than 0 that no other thread of this process has or had. */
 size_t lull_thread_number(void);
 
+/* Gives the calling thread the rounding, traps and treatment of subnormal numbers that C begins
+ * with: threads start with those of the thread that made them, which is the host's. Returns what it
+ * had, for lull_floats_restore. Processors other than x86 and 64-bit ARM keep what they have. */
+uint64_t lull_floats_default(void);
+void lull_floats_restore(uint64_t had);
+
 /* Identifies the process, to notice a fork. */
 long lull_process_id(void);
 

@@ -1,10 +1,11 @@
 /* Threads and processes: thread counts, shared devices, environment variables, forks. */
 #if !defined(_GNU_SOURCE)
-#define _GNU_SOURCE /* setenv, fork, usleep */
+#define _GNU_SOURCE /* setenv, fork, usleep, feenableexcept */
 #endif
 #include "api.h"
 #include "threads.h"
 
+#include <fenv.h>
 #include <sys/wait.h>
 #if defined(__linux__)
 #include <sched.h>
@@ -49,6 +50,48 @@ static void thread_counts(void)
     free(in);
     free(first);
     free(out);
+}
+
+/* The result for an image of HDR noise, by weights that are not whole numbers. */
+static void denoise_noise(float *out)
+{
+    float *in = noise_image(N, 31);
+    OIDNDevice device = new_device();
+    OIDNFilter filter = oidnNewFilter(device, "RT");
+
+    oidnSetFilterBool(filter, "hdr", true);
+    commit_tight(device, filter, in, out, W, H);
+    oidnExecuteFilter(filter);
+    ERROR(device, NONE);
+    oidnReleaseFilter(filter);
+    oidnReleaseDevice(device);
+    free(in);
+}
+
+/* Hosts round as they like, and some have divisions by zero raise a signal, to find their own. */
+static void modes_of_floating_point(void)
+{
+#if (defined(__SSE__) || defined(__aarch64__)) && defined(FE_UPWARD)
+    float expected[N], out[N];
+
+    if (is_peer())
+        SKIP("optional: Open Image Denoise computes in the mode of its host");
+    denoise_noise(expected);
+    CHECK(!fesetround(FE_UPWARD));
+    denoise_noise(out);
+    CHECK_EQ(fegetround(), FE_UPWARD);
+    CHECK(!fesetround(FE_TONEAREST));
+    CHECK(!memcmp(expected, out, sizeof out));
+#if defined(__GLIBC__)
+    feclearexcept(FE_ALL_EXCEPT);
+    feenableexcept(FE_DIVBYZERO | FE_INVALID | FE_OVERFLOW);
+    denoise_noise(out);
+    fedisableexcept(FE_ALL_EXCEPT);
+    CHECK(!memcmp(expected, out, sizeof out));
+#endif
+#else
+    SKIP("optional: the library keeps the host's mode on this processor");
+#endif
 }
 
 #if LULL_WITH_THREADS
@@ -445,6 +488,7 @@ int main(int argc, char **argv)
 {
     CHECK_MAIN(argc, argv);
     RUN(thread_counts);
+    RUN(modes_of_floating_point);
 #if LULL_WITH_THREADS
     RUN(large_thread_data);
     RUN(threads_share_a_device);
