@@ -107,13 +107,8 @@ int lull_env_is_set(const char *name)
 int lull_env_int(const char *name, int otherwise)
 {
     const char *text = getenv(name);
-    char *end;
-    long value;
 
-    if (!text || !*text)
-        return otherwise;
-    value = strtol(text, &end, 10);
-    return end == text ? otherwise : (int)value;
+    return text && *text ? (int)strtol(text, NULL, 10) : otherwise;
 }
 
 void lull_warn(int verbose, const char *format, ...)

@@ -323,11 +323,14 @@ static void environment(void)
 
     CHECK_EQ(in_child("OIDN_NUM_THREADS", "1", one_thread), 0);
     CHECK_EQ(in_child("OIDN_SET_AFFINITY", "0", no_affinity), 0);
+    CHECK_EQ(in_child("OIDN_SET_AFFINITY", "false", no_affinity), 0);
     CHECK_EQ(in_child("OIDN_VERBOSE", "2", verbose_two), 0);
     for (i = 0; i < COUNT(defaults); i++)
         CHECK_EQ(in_child("OIDN_DEFAULT_DEVICE", defaults[i], default_device), 0);
-    if (!is_peer()) /* reads this once per process, which is too late here */
-        CHECK_EQ(in_child("OIDN_DEVICE_CPU", "0", no_cpu), 0);
+    if (is_peer())
+        return; /* reads this once per process, which is too late here */
+    CHECK_EQ(in_child("OIDN_DEVICE_CPU", "0", no_cpu), 0);
+    CHECK_EQ(in_child("OIDN_DEVICE_CPU", "off", no_cpu), 0);
 }
 
 /* A device made before a fork works in the child, too, and in the parent afterwards. */
