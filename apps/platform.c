@@ -1,5 +1,7 @@
 #if defined(__APPLE__)
 #define _DARWIN_C_SOURCE
+#elif defined(__linux__)
+#define _GNU_SOURCE /* sched_getaffinity, and what is named below */
 #else
 #define _XOPEN_SOURCE 700 /* realpath; includes POSIX 2008 */
 #define _DEFAULT_SOURCE   /* madvise */
@@ -25,6 +27,9 @@
 #include <sys/mman.h>
 #include <sys/resource.h>
 #include <unistd.h>
+#if defined(__linux__)
+#include <sched.h>
+#endif
 #endif
 
 void platform_use_huge_pages(void *block, size_t bytes)
@@ -119,6 +124,11 @@ int platform_is_terminal(FILE *stream) { return isatty(fileno(stream)); }
 
 int platform_processors(void)
 {
+#if defined(__linux__)
+    cpu_set_t mask;
+    if (!sched_getaffinity(0, sizeof mask, &mask))
+        return CPU_COUNT(&mask);
+#endif
 #if defined(_SC_NPROCESSORS_ONLN)
     long n = sysconf(_SC_NPROCESSORS_ONLN);
     return n > 0 && n < 65536 ? (int)n : 1;
