@@ -462,7 +462,8 @@ static exit_code write_output(frame_job *job, const char *pattern)
     const image *main = &job->inputs.images[job->inputs.main];
     image *result = result_of(job);
     char *path = sequence_path(pattern, job->frame);
-    image_target target = {main->is_layered ? job->inputs.paths[job->inputs.main] : NULL};
+    image_target target = {main->is_layered ? job->inputs.paths[job->inputs.main] : NULL,
+                           job->settings->device.threads};
     image copy = {0}, *shown;
     image_error error = {IMAGE_OK, ""};
     exit_code code = EXIT_OK;

@@ -52,7 +52,10 @@ static exit_code load_given(denoise_inputs *inputs, const denoise_settings *sett
                             image_role role, int frame)
 {
     image_error error;
-    image_request request = {role, settings->layers[role], 0, type_of(settings, role), 0, NULL};
+    image_request request = {role, settings->layers[role],
+                             0,    type_of(settings, role),
+                             0,    NULL,
+                             settings->device.threads};
     inputs->paths[role] = sequence_path(settings->files[role], frame);
     if (!inputs->paths[role])
         return fail(settings->files[role], "not enough memory");
@@ -72,8 +75,13 @@ static exit_code load_found(denoise_inputs *inputs, const denoise_settings *sett
                             image_role role, int frame)
 {
     image_error error;
-    image_request request = {role, settings->layers[role],      1, type_of(settings, role),
-                             0,    &inputs->images[IMAGE_COLOR]};
+    image_request request = {role,
+                             settings->layers[role],
+                             1,
+                             type_of(settings, role),
+                             0,
+                             &inputs->images[IMAGE_COLOR],
+                             settings->device.threads};
     char *path = sequence_path(settings->files[IMAGE_COLOR], frame);
     image_status status;
     if (!path)
@@ -197,7 +205,9 @@ exit_code denoise_load_reference(image *reference, const denoise_settings *setti
                                  const denoise_inputs *inputs, int frame)
 {
     const image *main = &inputs->images[inputs->main];
-    image_request request = {inputs->main, settings->layers[inputs->main], 0, IMAGE_FLOAT, 0, NULL};
+    image_request request = {
+        inputs->main, settings->layers[inputs->main], 0, IMAGE_FLOAT, 0, NULL,
+        settings->device.threads};
     image_error error;
     image_status status;
     exit_code code = EXIT_OK;

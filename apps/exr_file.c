@@ -2,6 +2,7 @@
 
 #if LULL_WITH_OPENEXR
 
+#include <errno.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -17,13 +18,17 @@ static void on_error(exr_const_context_t context, exr_result_t code, const char 
     (void)code;
     while (file && file->context && file->context != context)
         file = file->next;
-    if (file && !file->message[0]) {
+    if (!file)
+        return;
+    platform_lock_enter(file->message_lock);
+    if (!file->message[0]) {
         /* The name we gave is in front of most messages. */
         const char *colon = strstr(text, ": ");
         if (text[0] == '\'' && colon)
             text = colon + 2;
         snprintf(file->message, sizeof file->message, "%s", text);
     }
+    platform_lock_leave(file->message_lock);
 }
 
 static int seek(exr_file *file, uint64_t offset)
@@ -61,9 +66,15 @@ static int64_t on_write(exr_const_context_t context, void *user, const void *buf
     size_t n;
     (void)context;
     (void)error;
-    if (platform_interrupted() || !seek(file, offset))
+    if (platform_interrupted())
         return -1;
+    if (!seek(file, offset)) {
+        file->write_error = errno;
+        return -1;
+    }
     n = fwrite(buffer, 1, (size_t)size, file->stream);
+    if (n < size)
+        file->write_error = errno;
     file->position += (int64_t)n;
     return (int64_t)n;
 }
@@ -114,6 +125,8 @@ void exr_file_close(exr_file *file)
         link = &(*link)->next;
     if (*link)
         *link = file->next;
+    if (file->write_error)
+        errno = file->write_error;
 }
 
 image_status exr_file_fail(const exr_file *file, exr_result_t result, image_status status,
@@ -198,68 +211,225 @@ exr_result_t exr_chunks_next(exr_chunks *chunks, int *is_end)
     return result;
 }
 
-exr_result_t exr_decode_planes(const exr_chunks *chunks, exr_decode_pipeline_t *decode,
-                               int *is_started, const unsigned char *wanted, unsigned char **planes,
-                               size_t *room)
+int exr_chunks_count(const exr_chunks *chunks)
 {
+    int32_t count = 0;
+    return exr_get_chunk_count(chunks->context, chunks->part, &count) ? 0 : (int)count;
+}
+
+/* ---- Threads --------------------------------------------------------------------------------- */
+
+void exr_team_begin(exr_team *team, int threads, int chunks, exr_file *first, exr_file *second)
+{
+    memset(team, 0, sizeof *team);
+    team->threads = ordered_threads(threads, chunks);
+    team->files[0] = first;
+    team->files[1] = second;
+    if (team->threads > 1) {
+        team->lock = platform_lock_new();
+        team->message = platform_lock_new();
+    }
+    if (!team->lock || !team->message) {
+        platform_lock_free(team->lock);
+        team->lock = NULL;
+        team->threads = 1;
+    }
+    team->slots = ordered_slots(team->threads);
+    for (int i = 0; i < 2 && team->lock; i++)
+        if (team->files[i])
+            team->files[i]->message_lock = team->message;
+}
+
+void exr_team_end(exr_team *team)
+{
+    for (int i = 0; i < 2; i++)
+        if (team->files[i])
+            team->files[i]->message_lock = NULL;
+    platform_lock_free(team->lock);
+    platform_lock_free(team->message);
+    memset(team, 0, sizeof *team);
+}
+
+/* ---- Decoding -------------------------------------------------------------------------------- */
+
+static exr_result_t read_chunk(struct _exr_decode_pipeline *decode)
+{
+    exr_decoder *decoder = decode->decoding_user_data;
     exr_result_t result;
-    if (*is_started)
-        result = exr_decoding_update(chunks->context, chunks->part, &chunks->info, decode);
-    else
-        result = exr_decoding_initialize(chunks->context, chunks->part, &chunks->info, decode);
-    if (result)
-        return result;
-    *is_started = 1;
-    for (int c = 0; c < decode->channel_count; c++) {
-        exr_coding_channel_info_t *channel = &decode->channels[c];
+    platform_lock_enter(decoder->lock);
+    result = decoder->library_read(decode);
+    platform_lock_leave(decoder->lock);
+    return result;
+}
+
+int exr_decoder_fit(exr_decoder *decoder, int channel, size_t bytes)
+{
+    unsigned char *more;
+    if (bytes <= decoder->room[channel])
+        return 1;
+    more = realloc(decoder->planes[channel], bytes);
+    if (!more)
+        return 0;
+    decoder->planes[channel] = more;
+    decoder->room[channel] = bytes;
+    return 1;
+}
+
+/* Where the channels of the current chunk go. */
+static exr_result_t aim(exr_decoder *decoder)
+{
+    for (int c = 0; c < decoder->decode.channel_count; c++) {
+        exr_coding_channel_info_t *channel = &decoder->decode.channels[c];
         size_t bytes = (size_t)channel->width * (size_t)channel->height *
                        (size_t)channel->bytes_per_element;
         channel->decode_to_ptr = NULL;
-        if (!wanted[c] || !bytes)
+        if (!decoder->wanted[c] || !bytes)
             continue;
-        if (bytes > room[c]) {
-            unsigned char *more = realloc(planes[c], bytes);
-            if (!more)
-                return EXR_ERR_OUT_OF_MEMORY;
-            planes[c] = more;
-            room[c] = bytes;
-        }
-        channel->decode_to_ptr = planes[c];
+        if (!exr_decoder_fit(decoder, c, bytes))
+            return EXR_ERR_OUT_OF_MEMORY;
+        channel->decode_to_ptr = decoder->planes[c];
         channel->user_bytes_per_element = channel->bytes_per_element;
         channel->user_data_type = channel->data_type;
         channel->user_pixel_stride = channel->bytes_per_element;
         channel->user_line_stride = channel->width * channel->bytes_per_element;
     }
+    return EXR_ERR_SUCCESS;
+}
+
+exr_result_t exr_decode(exr_decoder *decoder)
+{
+    const exr_chunks *chunks = &decoder->chunks;
+    exr_decode_pipeline_t *decode = &decoder->decode;
+    exr_result_t result;
+    if (!decoder->planes)
+        decoder->planes = calloc((size_t)decoder->channels, sizeof *decoder->planes);
+    if (!decoder->room)
+        decoder->room = calloc((size_t)decoder->channels, sizeof *decoder->room);
+    if (!decoder->planes || !decoder->room)
+        return EXR_ERR_OUT_OF_MEMORY;
+    if (decoder->is_started)
+        result = exr_decoding_update(chunks->context, chunks->part, &chunks->info, decode);
+    else
+        result = exr_decoding_initialize(chunks->context, chunks->part, &chunks->info, decode);
+    if (result)
+        return result;
+    decoder->is_started = 1;
+    result = aim(decoder);
+    if (result)
+        return result;
+    platform_lock_enter(decoder->lock); /* OpenEXR asks what the CPU can do, once, into a static */
     result = exr_decoding_choose_default_routines(chunks->context, chunks->part, decode);
+    platform_lock_leave(decoder->lock);
+    if (result)
+        return result;
+    decoder->library_read = decode->read_fn;
+    decode->read_fn = read_chunk;
+    decode->decoding_user_data = decoder;
     /* What compression did not make smaller is stored as it is. OpenEXR 3.1 forgets it of B44. */
     if (chunks->info.packed_size == chunks->info.unpacked_size)
         decode->decompress_fn = NULL;
-    return result ? result : exr_decoding_run(chunks->context, chunks->part, decode);
+    return exr_decoding_run(chunks->context, chunks->part, decode);
 }
 
-/* What goes on writing after write_chunk. */
-static exr_result_t (*library_write)(struct _exr_encode_pipeline *);
-
-/* Readers take as many bytes as there are of pixels for the pixels themselves, but OpenEXR 3.1
- * leaves them compressed if that came to just as many. */
-static exr_result_t write_chunk(struct _exr_encode_pipeline *encode)
+exr_result_t exr_decode_again(exr_decoder *decoder, exr_result_t result, exr_file *file)
 {
-    if (encode->compressed_bytes == encode->packed_bytes &&
-        encode->compressed_buffer != encode->packed_buffer)
-        memcpy(encode->compressed_buffer, encode->packed_buffer, encode->compressed_bytes);
-    return library_write(encode);
+    exr_result_t again;
+    file->message[0] = 0;
+    again = exr_decode(decoder);
+    return again ? again : result;
 }
 
-exr_result_t exr_encode(exr_context_t context, int part, exr_encode_pipeline_t *encode,
-                        int is_first)
+void exr_decoder_free(exr_decoder *decoder)
 {
-    exr_result_t result =
-        is_first ? exr_encoding_choose_default_routines(context, part, encode) : EXR_ERR_SUCCESS;
-    if (is_first && !result) {
-        library_write = encode->write_fn;
-        encode->write_fn = write_chunk;
+    if (decoder->is_started)
+        exr_decoding_destroy(decoder->chunks.context, &decoder->decode);
+    for (int c = 0; decoder->planes && c < decoder->channels; c++)
+        free(decoder->planes[c]);
+    free(decoder->planes);
+    free(decoder->room);
+}
+
+/* ---- Encoding -------------------------------------------------------------------------------- */
+
+/* Keeps an encoded chunk: its header, which tells the size, and its bytes. */
+static exr_result_t keep_chunk(struct _exr_encode_pipeline *encode)
+{
+    exr_encoder *encoder = encode->encoding_user_data;
+    exr_chunk_info_t info = encode->chunk;
+    size_t size = sizeof info + encode->compressed_bytes;
+    const void *bytes = encode->compressed_buffer;
+    /* Readers take as many bytes as there are of pixels for the pixels themselves, but OpenEXR 3.1
+     * leaves them compressed if that came to just as many. */
+    if (encode->compressed_bytes == encode->packed_bytes)
+        bytes = encode->packed_buffer;
+    if (size > encoder->room - encoder->used) {
+        unsigned char *more = realloc(encoder->done, encoder->used + size);
+        if (!more)
+            return EXR_ERR_OUT_OF_MEMORY;
+        encoder->done = more;
+        encoder->room = encoder->used + size;
     }
-    return result ? result : exr_encoding_run(context, part, encode);
+    info.packed_size = encode->compressed_bytes;
+    memcpy(encoder->done + encoder->used, &info, sizeof info);
+    if (encode->compressed_bytes) /* a line may have no pixels of subsampled channels */
+        memcpy(encoder->done + encoder->used + sizeof info, bytes, encode->compressed_bytes);
+    encoder->used += size;
+    return EXR_ERR_SUCCESS;
+}
+
+exr_result_t exr_encoder_begin(exr_encoder *encoder, exr_context_t context, int part,
+                               const exr_chunk_info_t *info)
+{
+    exr_result_t result = encoder->is_started
+                              ? exr_encoding_update(context, part, info, &encoder->encode)
+                              : exr_encoding_initialize(context, part, info, &encoder->encode);
+    if (!result)
+        encoder->is_started = 1;
+    return result;
+}
+
+exr_result_t exr_encode(exr_encoder *encoder)
+{
+    exr_encode_pipeline_t *encode = &encoder->encode;
+    exr_context_t context = (exr_context_t)(uintptr_t)encode->context;
+    if (!encode->write_fn) {
+        exr_result_t result = exr_encoding_choose_default_routines(context, encode->part_index,
+                                                                   encode);
+        if (result)
+            return result;
+        encode->encoding_user_data = encoder;
+        encode->yield_until_ready_fn = NULL;
+        encode->write_fn = keep_chunk;
+    }
+    return exr_encoding_run(context, encode->part_index, encode);
+}
+
+exr_result_t exr_encoder_write(exr_encoder *encoder)
+{
+    exr_context_t context = (exr_context_t)(uintptr_t)encoder->encode.context;
+    int part = encoder->encode.part_index;
+    exr_result_t result = EXR_ERR_SUCCESS;
+    for (size_t at = 0; at < encoder->used && !result;) {
+        exr_chunk_info_t info;
+        const unsigned char *bytes = encoder->done + at + sizeof info;
+        memcpy(&info, encoder->done + at, sizeof info);
+        if (info.type == EXR_STORAGE_TILED)
+            result = exr_write_tile_chunk(context, part, info.start_x, info.start_y, info.level_x,
+                                          info.level_y, bytes, info.packed_size);
+        else
+            result = exr_write_scanline_chunk(context, part, info.start_y, bytes,
+                                              info.packed_size);
+        at += sizeof info + (size_t)info.packed_size;
+    }
+    encoder->used = 0;
+    return result;
+}
+
+void exr_encoder_free(exr_encoder *encoder)
+{
+    if (encoder->is_started)
+        exr_encoding_destroy(encoder->encode.context, &encoder->encode);
+    free(encoder->done);
 }
 
 #else

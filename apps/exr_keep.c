@@ -14,26 +14,25 @@ typedef struct keeper {
     exr_file in, out;
     const image *img;
     exr_chunks chunks; /* of the changed part, in the source */
-    exr_decode_pipeline_t decode;
-    exr_encode_pipeline_t encode;
-    int is_decoding, is_encoding;
     int channels;
     unsigned char *wanted;
-    unsigned char **planes;
-    size_t *room;
     int *replaced; /* [channels] channel of the image that takes its place, or -1 */
+    int is_over;   /* no more chunks */
+    exr_result_t failure; /* of the first chunk that failed: */
+    exr_file *culprit;    /* the file, */
+    exr_decoder *failed;  /* and whose it is, if in decoding */
 } keeper;
+
+/* A chunk on its way. */
+typedef struct keep_slot {
+    exr_decoder decoder;
+    exr_encoder encoder;
+    exr_result_t result;
+    int is_found, is_decoded; /* how far it came */
+} keep_slot;
 
 static void keeper_free(keeper *k)
 {
-    if (k->is_decoding)
-        exr_decoding_destroy(k->in.context, &k->decode);
-    if (k->is_encoding)
-        exr_encoding_destroy(k->out.context, &k->encode);
-    for (int c = 0; k->planes && c < k->channels; c++)
-        free(k->planes[c]);
-    free(k->planes);
-    free(k->room);
     free(k->wanted);
     free(k->replaced);
     exr_file_close(&k->in);
@@ -55,10 +54,8 @@ static image_status match_channels(keeper *k, image_error *error)
         return exr_file_fail(&k->in, result, IMAGE_ERROR_WRITE, error);
     k->channels = list->num_channels;
     k->wanted = calloc((size_t)k->channels, sizeof *k->wanted);
-    k->planes = calloc((size_t)k->channels, sizeof *k->planes);
-    k->room = calloc((size_t)k->channels, sizeof *k->room);
     k->replaced = calloc((size_t)k->channels, sizeof *k->replaced);
-    if (!k->wanted || !k->planes || !k->room || !k->replaced)
+    if (!k->wanted || !k->replaced)
         return image_fail(error, IMAGE_ERROR_MEMORY, "not enough memory");
     for (int c = 0; c < k->channels; c++) {
         k->replaced[c] = -1;
@@ -315,98 +312,138 @@ static exr_result_t copy_part(keeper *k, int part)
 
 /* ---- The changed part ------------------------------------------------------------------------ */
 
-/* Writes the image's pixels of the current chunk into the planes of the channels that it replaces.
- */
-static exr_result_t replace_planes(keeper *k)
+/* Writes the image's pixels of a chunk into the planes of the channels that it replaces. */
+static exr_result_t replace_planes(const keeper *k, exr_decoder *decoder)
 {
     const image *img = k->img;
-    size_t w = (size_t)k->chunks.info.width, h = (size_t)k->chunks.info.height;
+    const exr_chunks *chunks = &decoder->chunks;
+    size_t w = (size_t)chunks->info.width, h = (size_t)chunks->info.height;
     size_t step = img->type == IMAGE_HALF ? 2 : 4;
     for (int c = 0; c < k->channels; c++) {
         if (k->replaced[c] < 0)
             continue;
-        if (w * h * step > k->room[c]) {
-            unsigned char *more = realloc(k->planes[c], w * h * step);
-            if (!more)
-                return EXR_ERR_OUT_OF_MEMORY;
-            k->planes[c] = more;
-            k->room[c] = w * h * step;
-        }
+        if (!exr_decoder_fit(decoder, c, w * h * step))
+            return EXR_ERR_OUT_OF_MEMORY;
         for (size_t i = 0; i < w * h; i++) {
-            size_t pixel = ((size_t)k->chunks.y + i / w) * img->width + (size_t)k->chunks.x + i % w;
+            size_t pixel = ((size_t)chunks->y + i / w) * img->width + (size_t)chunks->x + i % w;
             size_t at = pixel * img->channels + (size_t)k->replaced[c];
-            memcpy(k->planes[c] + i * step, (const unsigned char *)img->pixels + at * step, step);
+            memcpy(decoder->planes[c] + i * step, (const unsigned char *)img->pixels + at * step,
+                   step);
         }
     }
     return EXR_ERR_SUCCESS;
 }
 
 /* Encodes one chunk of the output. skipped: lines of the decoded chunk above it. */
-static exr_result_t encode_chunk(keeper *k, const exr_chunk_info_t *info, int skipped)
+static exr_result_t encode_chunk(keeper *k, keep_slot *s, const exr_chunk_info_t *info, int skipped)
 {
-    int part = k->img->part, is_first = !k->is_encoding;
-    exr_result_t result = is_first ? exr_encoding_initialize(k->out.context, part, info, &k->encode)
-                                   : exr_encoding_update(k->out.context, part, info, &k->encode);
-    if (result)
-        return result;
-    k->is_encoding = 1;
-    for (int c = 0; c < k->channels; c++) {
-        exr_coding_channel_info_t *channel = &k->encode.channels[c];
+    exr_result_t result = exr_encoder_begin(&s->encoder, k->out.context, k->img->part, info);
+    for (int c = 0; c < k->channels && !result; c++) {
+        exr_coding_channel_info_t *channel = &s->encoder.encode.channels[c];
+        unsigned char *plane = s->decoder.planes[c];
         size_t line = (size_t)channel->width * (size_t)channel->bytes_per_element;
         channel->user_bytes_per_element = channel->bytes_per_element;
         channel->user_data_type = channel->data_type;
         channel->user_pixel_stride = channel->bytes_per_element;
         channel->user_line_stride = (int32_t)line;
-        channel->encode_from_ptr = k->planes[c];
-        if (skipped && k->planes[c])
+        channel->encode_from_ptr = plane;
+        if (skipped && plane)
             channel->encode_from_ptr += (size_t)(skipped / channel->y_samples) * line;
     }
-    return exr_encode(k->out.context, part, &k->encode, is_first);
+    return result ? result : exr_encode(&s->encoder);
 }
 
 /* Encodes the decoded chunk: one output chunk, or several if the output's compression takes fewer
  * lines. */
-static exr_result_t encode_chunks(keeper *k)
+static exr_result_t encode_chunks(keeper *k, keep_slot *s)
 {
+    const exr_chunks *chunks = &s->decoder.chunks;
     exr_chunk_info_t info;
     int part = k->img->part, done = 0;
     exr_result_t result = EXR_ERR_SUCCESS;
-    if (k->chunks.is_tiled) {
-        result = exr_write_tile_chunk_info(k->out.context, part, k->chunks.info.start_x,
-                                           k->chunks.info.start_y, 0, 0, &info);
-        return result ? result : encode_chunk(k, &info, 0);
+    if (chunks->is_tiled) {
+        result = exr_write_tile_chunk_info(k->out.context, part, chunks->info.start_x,
+                                           chunks->info.start_y, 0, 0, &info);
+        return result ? result : encode_chunk(k, s, &info, 0);
     }
-    while (done < k->chunks.info.height && !result) {
-        int y = k->chunks.window.min.y + k->chunks.y + done;
+    while (done < chunks->info.height && !result) {
+        int y = chunks->window.min.y + chunks->y + done;
         result = exr_write_scanline_chunk_info(k->out.context, part, y, &info);
         if (!result)
-            result = encode_chunk(k, &info, done);
+            result = encode_chunk(k, s, &info, done);
         done += info.height;
     }
     return result;
 }
 
-static image_status change_part(keeper *k, image_error *error)
+static int take_chunk(void *user, void *slot)
 {
+    keeper *k = user;
+    keep_slot *s = slot;
     int is_end = 0;
-    for (;;) {
-        exr_result_t result = exr_chunks_next(&k->chunks, &is_end);
-        if (is_end)
-            return IMAGE_OK;
-        if (!result)
-            result = exr_decode_planes(&k->chunks, &k->decode, &k->is_decoding, k->wanted,
-                                       k->planes, k->room);
-        if (result)
-            return exr_file_fail(&k->in, result, IMAGE_ERROR_WRITE, error);
-        result = replace_planes(k);
-        if (!result)
-            result = encode_chunks(k);
-        if (result)
-            return exr_file_fail(&k->out, result, IMAGE_ERROR_WRITE, error);
-    }
+    if (k->is_over)
+        return 0;
+    s->result = exr_chunks_next(&k->chunks, &is_end);
+    s->is_found = !s->result;
+    s->is_decoded = 0;
+    s->decoder.chunks = k->chunks;
+    k->is_over = is_end || s->result;
+    return !is_end;
 }
 
-static image_status copy_all(keeper *k, image_error *error)
+static void change_chunk(void *user, void *slot)
+{
+    keep_slot *s = slot;
+    if (s->is_found)
+        s->result = exr_decode(&s->decoder);
+    s->is_decoded = !s->result;
+    if (!s->result)
+        s->result = replace_planes(user, &s->decoder);
+    if (!s->result)
+        s->result = encode_chunks(user, s);
+}
+
+static int put_chunk(void *user, void *slot)
+{
+    keeper *k = user;
+    keep_slot *s = slot;
+    k->failure = s->result ? s->result : exr_encoder_write(&s->encoder);
+    k->culprit = s->is_decoded ? &k->out : &k->in;
+    k->failed = k->failure && s->is_found && !s->is_decoded ? &s->decoder : NULL;
+    return !k->failure;
+}
+
+static image_status change_part(keeper *k, int threads, image_error *error)
+{
+    const ordered_work work = {k, take_chunk, change_chunk, put_chunk};
+    image_status status = IMAGE_OK;
+    exr_team team;
+    keep_slot *slots;
+    exr_team_begin(&team, threads, exr_chunks_count(&k->chunks), &k->in, &k->out);
+    slots = calloc(team.slots, sizeof *slots);
+    if (!slots)
+        status = image_fail(error, IMAGE_ERROR_MEMORY, "not enough memory");
+    for (unsigned i = 0; slots && i < team.slots; i++) {
+        slots[i].decoder.channels = k->channels;
+        slots[i].decoder.wanted = k->wanted;
+        slots[i].decoder.lock = team.lock;
+    }
+    if (slots)
+        ordered_run(&work, slots, sizeof *slots, team.threads, team.lock);
+    if (k->failed && team.lock)
+        k->failure = exr_decode_again(k->failed, k->failure, &k->in);
+    if (k->failure)
+        status = exr_file_fail(k->culprit, k->failure, IMAGE_ERROR_WRITE, error);
+    for (unsigned i = 0; slots && i < team.slots; i++) {
+        exr_decoder_free(&slots[i].decoder);
+        exr_encoder_free(&slots[i].encoder);
+    }
+    free(slots);
+    exr_team_end(&team);
+    return status;
+}
+
+static image_status copy_all(keeper *k, int threads, image_error *error)
 {
     int parts = 0;
     exr_result_t result = exr_get_count(k->in.context, &parts);
@@ -415,7 +452,7 @@ static image_status copy_all(keeper *k, image_error *error)
         result = write_headers(k, parts);
     for (int part = 0; part < parts && !result && !status; part++) {
         if (part == k->img->part)
-            status = change_part(k, error);
+            status = change_part(k, threads, error);
         else
             result = copy_part(k, part);
     }
@@ -425,8 +462,10 @@ static image_status copy_all(keeper *k, image_error *error)
     return status;
 }
 
-image_status exr_keep_write(FILE *stream, const image *img, const char *path, image_error *error)
+image_status exr_keep_write(FILE *stream, const image *img, const image_target *target,
+                            image_error *error)
 {
+    const char *path = target->keep_layers;
     keeper k;
     image_status status;
     FILE *source = fopen(path, "rb");
@@ -442,7 +481,7 @@ image_status exr_keep_write(FILE *stream, const image *img, const char *path, im
     if (!status)
         status = exr_file_write(&k.out, stream, error);
     if (!status)
-        status = copy_all(&k, error);
+        status = copy_all(&k, target->threads, error);
     keeper_free(&k);
     fclose(source);
     return status;

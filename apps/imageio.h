@@ -95,6 +95,7 @@ typedef struct image_request {
     uint64_t max_bytes; /* refuse images that need more memory; 0: no limit */
     const image *color; /* EXR, albedo and normals: the image of the same file that they belong to;
                          * layers of its view layer are found first. NULL: none */
+    int threads; /* to decode an EXR file; 0: as many as there are processors */
 } image_request;
 
 /* Reads an image. The format is told from the content, not from the name. On failure `out` is
@@ -110,6 +111,7 @@ typedef struct image_target {
     const char
         *keep_layers; /* EXR: copy everything but the channels named in the image from this file,
                        * which may be the target itself; NULL: a file with this image only */
+    int threads; /* to encode an EXR file, likewise; its bytes do not depend on it */
 } image_target;
 
 /* Writes an image in the format that the path's extension names; `target` may be NULL. After an

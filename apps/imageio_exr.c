@@ -73,24 +73,25 @@ static layer_match choose(const exr_channels *list, const image_request *request
 typedef struct reader {
     exr_file file;
     exr_chunks chunks;
-    exr_decode_pipeline_t decode;
-    int is_started;
     int channels;          /* of the part */
     unsigned char *wanted; /* [channels] */
-    unsigned char **planes;
-    size_t *room;
     int taken[3]; /* channels of the image, as places in the part */
     int alpha;    /* likewise, -1: none */
+    image *out;
+    int is_over;          /* no more chunks */
+    exr_result_t failure; /* of the first chunk that failed, */
+    exr_decoder *failed;  /* and whose it is, if in decoding */
 } reader;
+
+/* A chunk on its way. */
+typedef struct read_slot {
+    exr_decoder decoder;
+    exr_result_t result;
+    int is_found; /* the chunk is there to be decoded */
+} read_slot;
 
 static void reader_free(reader *r)
 {
-    if (r->is_started)
-        exr_decoding_destroy(r->file.context, &r->decode);
-    for (int c = 0; r->planes && c < r->channels; c++)
-        free(r->planes[c]);
-    free(r->planes);
-    free(r->room);
     free(r->wanted);
     exr_file_close(&r->file);
 }
@@ -120,7 +121,7 @@ static int find_alpha(const exr_attr_chlist_t *channels, const char *name)
     return -1;
 }
 
-/* Sizes and types of the layer; allocates the image and the decoding buffers. */
+/* Sizes and types of the layer; allocates the image. */
 static image_status reader_begin(reader *r, image *out, const exr_channels *list, layer_match match,
                                  const image_request *request, image_error *error)
 {
@@ -137,9 +138,7 @@ static image_status reader_begin(reader *r, image *out, const exr_channels *list
         return exr_file_fail(&r->file, result, IMAGE_ERROR_DATA, error);
     r->channels = channels->num_channels;
     r->wanted = calloc((size_t)r->channels, sizeof *r->wanted);
-    r->planes = calloc((size_t)r->channels, sizeof *r->planes);
-    r->room = calloc((size_t)r->channels, sizeof *r->room);
-    if (!r->wanted || !r->planes || !r->room)
+    if (!r->wanted)
         return image_fail(error, IMAGE_ERROR_MEMORY, "not enough memory");
     for (unsigned c = 0; c < match.count; c++) {
         int index = list->entries[match.channels[c]].index;
@@ -215,32 +214,96 @@ static void store_row(image *out, size_t at, const unsigned char *row, size_t wi
     }
 }
 
-static void store_alpha(const reader *r, image *out)
+static void store_alpha(const reader *r, const exr_decoder *decoder)
 {
-    size_t w = (size_t)r->chunks.info.width, h = (size_t)r->chunks.info.height;
-    uint16_t type = r->decode.channels[r->alpha].data_type;
-    const unsigned char *row = r->planes[r->alpha];
+    const exr_chunks *chunks = &decoder->chunks;
+    size_t w = (size_t)chunks->info.width, h = (size_t)chunks->info.height;
+    uint16_t type = decoder->decode.channels[r->alpha].data_type;
+    const unsigned char *row = decoder->planes[r->alpha];
     for (size_t y = 0; y < h; y++, row += w * (type == EXR_PIXEL_HALF ? 2 : 4)) {
-        float *values = out->alpha + ((size_t)r->chunks.y + y) * out->width + (size_t)r->chunks.x;
+        float *values = r->out->alpha + ((size_t)chunks->y + y) * r->out->width + (size_t)chunks->x;
         for (size_t x = 0; x < w; x++)
             values[x] = value_at(row, x, type);
     }
 }
 
-static void store_chunk(const reader *r, image *out)
+static void store_chunk(const reader *r, const exr_decoder *decoder)
 {
-    size_t w = (size_t)r->chunks.info.width, h = (size_t)r->chunks.info.height;
+    const exr_chunks *chunks = &decoder->chunks;
+    image *out = r->out;
+    size_t w = (size_t)chunks->info.width, h = (size_t)chunks->info.height;
     if (r->alpha >= 0)
-        store_alpha(r, out);
+        store_alpha(r, decoder);
     for (unsigned c = 0; c < out->channels; c++) {
-        const exr_coding_channel_info_t *channel = &r->decode.channels[r->taken[c]];
-        const unsigned char *plane = r->planes[r->taken[c]];
+        const exr_coding_channel_info_t *channel = &decoder->decode.channels[r->taken[c]];
+        const unsigned char *plane = decoder->planes[r->taken[c]];
         size_t line = w * (channel->data_type == EXR_PIXEL_HALF ? 2 : 4);
         for (size_t y = 0; y < h; y++) {
-            size_t pixel = ((size_t)r->chunks.y + y) * out->width + (size_t)r->chunks.x;
+            size_t pixel = ((size_t)chunks->y + y) * out->width + (size_t)chunks->x;
             store_row(out, pixel * out->channels + c, plane + y * line, w, channel->data_type);
         }
     }
+}
+
+static int take_chunk(void *user, void *slot)
+{
+    reader *r = user;
+    read_slot *s = slot;
+    int is_end = 0;
+    if (r->is_over)
+        return 0;
+    s->result = exr_chunks_next(&r->chunks, &is_end);
+    s->is_found = !s->result;
+    s->decoder.chunks = r->chunks;
+    r->is_over = is_end || s->result;
+    return !is_end;
+}
+
+static void decode_chunk(void *user, void *slot)
+{
+    read_slot *s = slot;
+    if (s->is_found)
+        s->result = exr_decode(&s->decoder);
+    if (!s->result)
+        store_chunk(user, &s->decoder);
+}
+
+static int put_chunk(void *user, void *slot)
+{
+    reader *r = user;
+    read_slot *s = slot;
+    r->failure = s->result;
+    r->failed = s->result && s->is_found ? &s->decoder : NULL;
+    return !s->result;
+}
+
+/* The pixels of the layer. */
+static image_status read_chunks(reader *r, int threads, image_error *error)
+{
+    const ordered_work work = {r, take_chunk, decode_chunk, put_chunk};
+    image_status status = IMAGE_OK;
+    exr_team team;
+    read_slot *slots;
+    exr_team_begin(&team, threads, exr_chunks_count(&r->chunks), &r->file, NULL);
+    slots = calloc(team.slots, sizeof *slots);
+    for (unsigned i = 0; slots && i < team.slots; i++) {
+        slots[i].decoder.channels = r->channels;
+        slots[i].decoder.wanted = r->wanted;
+        slots[i].decoder.lock = team.lock;
+    }
+    if (slots)
+        ordered_run(&work, slots, sizeof *slots, team.threads, team.lock);
+    else
+        r->failure = EXR_ERR_OUT_OF_MEMORY;
+    if (r->failed && team.lock)
+        r->failure = exr_decode_again(r->failed, r->failure, &r->file);
+    if (r->failure)
+        status = exr_file_fail(&r->file, r->failure, IMAGE_ERROR_DATA, error);
+    for (unsigned i = 0; slots && i < team.slots; i++)
+        exr_decoder_free(&slots[i].decoder);
+    free(slots);
+    exr_team_end(&team);
+    return status;
 }
 
 static image_status read_layer(reader *r, image *out, const image_request *request,
@@ -251,7 +314,6 @@ static image_status read_layer(reader *r, image *out, const image_request *reque
     image_status status;
     exr_result_t result = exr_channels_list(&list, r->file.context,
                                         request->color ? request->color->part : 0);
-    int is_end = 0;
 
     if (result) {
         status = exr_file_fail(&r->file, result, IMAGE_ERROR_DATA, error);
@@ -267,19 +329,8 @@ static image_status read_layer(reader *r, image *out, const image_request *reque
             status = reader_begin(r, out, &list, match, request, error);
     }
     exr_channels_free(&list);
-    while (!status) {
-        result = exr_chunks_next(&r->chunks, &is_end);
-        if (is_end)
-            break;
-        if (!result)
-            result = exr_decode_planes(&r->chunks, &r->decode, &r->is_started, r->wanted, r->planes,
-                                       r->room);
-        if (result)
-            status = exr_file_fail(&r->file, result, IMAGE_ERROR_DATA, error);
-        else
-            store_chunk(r, out);
-    }
-    return status;
+    r->out = out;
+    return status ? status : read_chunks(r, request->threads, error);
 }
 
 image_status image_read_exr(image *out, FILE *file, const image_request *request,
@@ -316,18 +367,32 @@ static exr_result_t write_header(exr_file *file, const image *img)
     return result ? result : exr_write_header(file->context);
 }
 
+typedef struct writer {
+    exr_file file;
+    const image *img;
+    size_t next; /* first row of the next chunk */
+    exr_result_t result;
+} writer;
+
+/* A chunk on its way. */
+typedef struct write_slot {
+    exr_encoder encoder;
+    unsigned char *planes;
+    size_t y, rows;
+    exr_result_t result;
+} write_slot;
+
 /* The rows of the chunk as planes in the order of the file's channels, which is alphabetical. */
-static void fill_planes(unsigned char *planes, const image *img, exr_encode_pipeline_t *encode,
-                        size_t y0, size_t rows)
+static void fill_planes(write_slot *s, const image *img)
 {
     size_t step = img->type == IMAGE_HALF ? 2 : 4, w = img->width;
-    for (int k = 0; k < encode->channel_count; k++) {
-        exr_coding_channel_info_t *channel = &encode->channels[k];
+    for (int k = 0; k < s->encoder.encode.channel_count; k++) {
+        exr_coding_channel_info_t *channel = &s->encoder.encode.channels[k];
         const char *name = channel->channel_name;
         unsigned c = *name == 'G' ? 1 : *name == 'B' ? 2 : 0;
-        unsigned char *plane = planes + (size_t)k * LINES * w * step;
-        for (size_t i = 0; i < rows * w; i++) {
-            size_t pixel = y0 * w + i;
+        unsigned char *plane = s->planes + (size_t)k * LINES * w * step;
+        for (size_t i = 0; i < s->rows * w; i++) {
+            size_t pixel = s->y * w + i;
             float v = *name == 'A' ? img->alpha[pixel] : image_get(img, pixel * img->channels + c);
             uint16_t half = half_from_float(v);
             if (step == 2)
@@ -343,45 +408,76 @@ static void fill_planes(unsigned char *planes, const image *img, exr_encode_pipe
     }
 }
 
-static exr_result_t write_rows(exr_file *file, const image *img, unsigned char *planes)
+static int take_rows(void *user, void *slot)
 {
-    exr_encode_pipeline_t encode = EXR_ENCODE_PIPELINE_INITIALIZER;
-    exr_chunk_info_t info;
-    exr_result_t result = EXR_ERR_SUCCESS;
-    for (size_t y = 0; y < img->height && !result; y += LINES) {
-        size_t rows = img->height - y < LINES ? img->height - y : LINES;
-        result = exr_write_scanline_chunk_info(file->context, 0, (int)y, &info);
-        if (!result && !y)
-            result = exr_encoding_initialize(file->context, 0, &info, &encode);
-        else if (!result)
-            result = exr_encoding_update(file->context, 0, &info, &encode);
-        if (result)
-            break;
-        fill_planes(planes, img, &encode, y, rows);
-        result = exr_encode(file->context, 0, &encode, !y);
-    }
-    exr_encoding_destroy(file->context, &encode);
-    return result;
+    writer *w = user;
+    write_slot *s = slot;
+    size_t left = w->img->height - w->next;
+    s->y = w->next;
+    s->rows = left < LINES ? left : LINES;
+    w->next += s->rows;
+    return left > 0;
 }
 
-static image_status write_alone(FILE *stream, const image *img, image_error *error)
+static void encode_rows(void *user, void *slot)
 {
-    exr_file file;
-    exr_result_t result;
-    unsigned char *planes = malloc(4 * LINES * img->width * 4);
-    image_status status = exr_file_write(&file, stream, error);
+    writer *w = user;
+    write_slot *s = slot;
+    exr_chunk_info_t info;
+    if (!s->planes)
+        s->planes = malloc(4 * LINES * w->img->width * 4);
+    s->result = s->planes ? exr_write_scanline_chunk_info(w->file.context, 0, (int)s->y, &info)
+                          : EXR_ERR_OUT_OF_MEMORY;
+    if (!s->result)
+        s->result = exr_encoder_begin(&s->encoder, w->file.context, 0, &info);
+    if (s->result)
+        return;
+    fill_planes(s, w->img);
+    s->result = exr_encode(&s->encoder);
+}
 
-    if (!planes && !status)
-        status = image_fail(error, IMAGE_ERROR_MEMORY, "not enough memory");
-    if (!status) {
-        result = write_header(&file, img);
-        if (!result)
-            result = write_rows(&file, img, planes);
-        if (result)
-            status = exr_file_fail(&file, result, IMAGE_ERROR_WRITE, error);
+static int put_rows(void *user, void *slot)
+{
+    writer *w = user;
+    write_slot *s = slot;
+    w->result = s->result ? s->result : exr_encoder_write(&s->encoder);
+    return !w->result;
+}
+
+static void write_rows(writer *w, int threads)
+{
+    const ordered_work work = {w, take_rows, encode_rows, put_rows};
+    exr_team team;
+    write_slot *slots;
+    exr_team_begin(&team, threads, (int)((w->img->height - 1) / LINES + 1), &w->file, NULL);
+    slots = calloc(team.slots, sizeof *slots);
+    if (slots)
+        ordered_run(&work, slots, sizeof *slots, team.threads, team.lock);
+    else
+        w->result = EXR_ERR_OUT_OF_MEMORY;
+    for (unsigned i = 0; slots && i < team.slots; i++) {
+        exr_encoder_free(&slots[i].encoder);
+        free(slots[i].planes);
     }
-    exr_file_close(&file);
-    free(planes);
+    free(slots);
+    exr_team_end(&team);
+}
+
+static image_status write_alone(FILE *stream, const image *img, int threads, image_error *error)
+{
+    writer w;
+    image_status status;
+    memset(&w, 0, sizeof w);
+    w.img = img;
+    status = exr_file_write(&w.file, stream, error);
+    if (!status) {
+        w.result = write_header(&w.file, img);
+        if (!w.result)
+            write_rows(&w, threads);
+        if (w.result)
+            status = exr_file_fail(&w.file, w.result, IMAGE_ERROR_WRITE, error);
+    }
+    exr_file_close(&w.file);
     return status;
 }
 
@@ -389,8 +485,8 @@ image_status image_write_exr(FILE *file, const image *img, const image_target *t
                              image_error *error)
 {
     if (target->keep_layers && img->is_layered)
-        return exr_keep_write(file, img, target->keep_layers, error);
-    return write_alone(file, img, error);
+        return exr_keep_write(file, img, target, error);
+    return write_alone(file, img, target->threads, error);
 }
 
 #else

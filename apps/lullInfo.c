@@ -258,7 +258,7 @@ static exit_code tell_image(const char *path, json *report)
     int is_told = 0;
     for (int i = 0; i < 3; i++) {
         const image *beside = color.is_layered ? &color : NULL;
-        image_request request = {(image_role)i, NULL, i > 0, IMAGE_ANY, 0, beside};
+        image_request request = {(image_role)i, NULL, i > 0, IMAGE_ANY, 0, beside, 0};
         image_error error;
         image img;
         image_status status = image_read(&img, path, &request, &error);
@@ -351,7 +351,7 @@ static double find_psnr(const image *reference, const image *img, float scale)
 /* The main image of a file with linear values. */
 static exit_code load_linear(image *img, const char *path)
 {
-    image_request request = {IMAGE_COLOR, NULL, 0, IMAGE_FLOAT, 0, NULL};
+    image_request request = {IMAGE_COLOR, NULL, 0, IMAGE_FLOAT, 0, NULL, 0};
     image_error error;
     if (image_read(img, path, &request, &error))
         return report_error(EXIT_INPUT, "cannot read '%s': %s", path, error.text);

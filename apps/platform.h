@@ -1,6 +1,6 @@
 /* What the programs need of the operating system: time, terminals, the interrupt key, memory
- * figures and output files that appear all at once. POSIX, with Windows behind the same functions.
- */
+ * figures, threads and output files that appear all at once. POSIX, with Windows behind the same
+ * functions. */
 #ifndef LULL_APPS_PLATFORM_H
 #define LULL_APPS_PLATFORM_H
 
@@ -22,6 +22,24 @@ FILE *platform_divert_stdout(void);
 
 /* Processors that this process may use, 1 at least. */
 int platform_processors(void);
+
+/* A lock with a condition (platform_threads.c): wait leaves it until somebody wakes those that
+ * wait, or for no reason. NULL, which platform_lock_new returns if it can make none, does nothing.
+ */
+typedef struct platform_lock platform_lock;
+
+platform_lock *platform_lock_new(void);
+void platform_lock_free(platform_lock *lock);
+void platform_lock_enter(platform_lock *lock);
+void platform_lock_leave(platform_lock *lock);
+void platform_lock_wait(platform_lock *lock);
+void platform_lock_wake(platform_lock *lock);
+
+/* Runs the function in a thread of its own, to be joined; NULL if there can be none. */
+typedef struct platform_thread platform_thread;
+
+platform_thread *platform_thread_start(void (*run)(void *arg), void *arg);
+void platform_thread_join(platform_thread *thread);
 
 /* Asks for large pages where a large block is: rows of images are far apart. */
 void platform_use_huge_pages(void *block, size_t bytes);

@@ -4,7 +4,8 @@ APPS := oidnDenoise oidnBenchmark lullInfo yimgdenoise ynlmdenoise
 APP_COMMON_SOURCES := apps/device.c apps/exr_channels.c apps/exr_file.c apps/exr_keep.c \
                       apps/imageio.c apps/imageio_exr.c apps/imageio_hdr.c apps/imageio_pfm.c \
                       apps/imageio_png.c apps/imageio_ppm.c apps/json.c apps/layers.c \
-                      apps/options.c apps/platform.c apps/report.c
+                      apps/options.c apps/ordered.c apps/platform.c apps/platform_threads.c \
+                      apps/report.c
 APP_oidnDenoise_SOURCES := apps/oidnDenoise.c apps/compare.c apps/denoise_check.c apps/denoise_frame.c \
                            apps/denoise_inputs.c apps/denoise_options.c apps/denoise_run.c \
                            apps/doctor.c apps/doctor_maps.c apps/sequence.c apps/temporal.c

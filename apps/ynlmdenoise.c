@@ -110,7 +110,7 @@ static int run_all(work *w, int threads)
 static exit_code load(image *images, const settings *s)
 {
     for (int i = 0; i < 3; i++) {
-        image_request request = {(image_role)i, NULL, 0, IMAGE_ANY, 0, NULL};
+        image_request request = {(image_role)i, NULL, 0, IMAGE_ANY, 0, NULL, s->threads};
         const char *path = s->files[i];
         image_error error;
         int is_found = !path && images[IMAGE_COLOR].is_layered;
@@ -186,7 +186,7 @@ static exit_code denoise(image *images, image *output, const settings *s)
 
 static exit_code save(const image *source, image *output, const settings *s)
 {
-    image_target target = {source->is_layered ? s->files[IMAGE_COLOR] : NULL};
+    image_target target = {source->is_layered ? s->files[IMAGE_COLOR] : NULL, s->threads};
     image whole;
     image_error error;
     image_convert_alpha(output, source->alpha,

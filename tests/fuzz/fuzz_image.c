@@ -26,7 +26,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         return 0;
     for (int role = 0; role < 3; role++) {
         image_request request = {(image_role)role, NULL, role == 2, (image_type)role, MEMORY,
-                                 NULL};
+                                 NULL,               1 + role};
         image img;
         image_error error;
         FILE *file = fmemopen((void *)(uintptr_t)data, size, "rb");
