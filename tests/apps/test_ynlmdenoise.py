@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
+import subprocess
+
 import numpy as np
 import pytest
 
@@ -90,3 +94,20 @@ def test_image_without_a_number(nlm, work):
     done = nlm("-i", "color.pfm", "-o", "out.pfm")
     assert done.code == 2 and "color.pfm" in done.error and "no finite value" in done.error
     assert not (work / "out.pfm").exists()
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="optional: no affinity masks")
+def test_threads_are_as_many_as_processors_that_it_may_use(build, work):
+    """It took all of the machine's."""
+    allowed = os.sched_getaffinity(0)
+    if len(allowed) < 2:
+        pytest.skip("optional: one processor")
+    t.write_scene(work, 320, 400)
+    process = subprocess.Popen([build / "bin" / "ynlmdenoise", *FILES], cwd=work,
+                               preexec_fn=lambda: os.sched_setaffinity(0, {min(allowed)}),
+                               stdout=subprocess.DEVNULL)
+    most, tasks = 0, f"/proc/{process.pid}/task"
+    while process.poll() is None:
+        with contextlib.suppress(OSError):
+            most = max(most, len(os.listdir(tasks)))
+    assert process.returncode == 0 and most == 1
