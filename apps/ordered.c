@@ -19,8 +19,9 @@ typedef struct runner {
 unsigned ordered_threads(int wanted, int pieces)
 {
     int threads = wanted > 0 ? wanted : platform_processors();
-    if (threads > ORDERED_MAX_THREADS)
-        threads = ORDERED_MAX_THREADS;
+    int most = wanted > 0 ? ORDERED_MAX_THREADS : ORDERED_FEW_THREADS;
+    if (threads > most)
+        threads = most;
     if (threads > pieces / 2)
         threads = pieces / 2;
     return threads > 1 ? (unsigned)threads : 1;

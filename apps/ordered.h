@@ -8,6 +8,7 @@
 #include "platform.h"
 
 #define ORDERED_MAX_THREADS 64
+#define ORDERED_FEW_THREADS 8 /* unless more are asked for: each takes the memory of two pieces */
 
 /* A slot holds a piece, and what working on it needs; it is used for one piece after the other. */
 typedef struct ordered_work {
@@ -17,8 +18,8 @@ typedef struct ordered_work {
     int (*put)(void *user, void *slot);   /* in the order of take; 0: go no further */
 } ordered_work;
 
-/* Threads for so many pieces: `wanted` (0: as many as there are processors), but two pieces each at
- * least. */
+/* Threads for so many pieces: `wanted` (0: as many as there are processors, but few), with two
+ * pieces each at least. */
 unsigned ordered_threads(int wanted, int pieces);
 
 /* Slots for so many threads: one, or two for each. */

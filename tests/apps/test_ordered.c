@@ -101,7 +101,7 @@ static void threads_have_two_pieces_each(void)
     CHECK_EQ(ordered_threads(4, 0), 1);
     CHECK_EQ(ordered_threads(1, 99), 1);
     CHECK_EQ(ordered_threads(9999, 9999), ORDERED_MAX_THREADS);
-    CHECK(ordered_threads(0, 9999) >= 1);
+    CHECK(ordered_threads(0, 9999) >= 1 && ordered_threads(0, 9999) <= ORDERED_FEW_THREADS);
 }
 
 #if LULL_WITH_OPENEXR
