@@ -299,13 +299,12 @@ static void choose_calm(lull_task *t, const lull_host *host)
     lull_plan *plan = t->plan;
     const lull_images *images = t->images;
     unsigned rows = lull_exposure_rows(plan->frame.height);
-    int has_albedo = !(~plan->frame.features & (LULL_HAS_COLOR | LULL_HAS_ALBEDO));
     plan->calm = plan->ragged = 0.0f;
     if ((lull_is_nan(images->calm) || lull_is_nan(images->ragged)) &&
         lull_graph_mixed_by(&plan->model->graph) != LULL_TENSOR_NONE) {
         parallel(plan, host, rows, calm_task, t);
         plan->calm = lull_calm_share(exposure_rows(plan), rows);
-        if (has_albedo)
+        if (lull_plan_has(plan, LULL_TENSOR_ALBEDO))
             plan->ragged = lull_ragged_share(exposure_rows(plan), rows);
     }
     if (!lull_is_nan(images->calm))

@@ -129,12 +129,16 @@ void lull_exec_calm_row(lull_calm_row *row, const lull_task *t, unsigned index)
             look_at(row, t, x, y);
 }
 
-/* One number of all rows. */
-static unsigned sum_of(const uint16_t *first, unsigned n)
+static lull_calm_row sum_of(const lull_calm_row *rows, unsigned n)
 {
-    unsigned sum = 0;
-    for (; n > 0; n--, first += sizeof(lull_calm_row) / sizeof *first)
-        sum += *first;
+    lull_calm_row sum = {0, 0, 0, 0, 0};
+    for (unsigned i = 0; i < n; i++) {
+        sum.cells = (uint16_t)(sum.cells + rows[i].cells);
+        sum.calm = (uint16_t)(sum.calm + rows[i].calm);
+        sum.wild = (uint16_t)(sum.wild + rows[i].wild);
+        sum.edges = (uint16_t)(sum.edges + rows[i].edges);
+        sum.sharp = (uint16_t)(sum.sharp + rows[i].sharp);
+    }
     return sum;
 }
 
@@ -145,12 +149,13 @@ static float share_of(unsigned part, unsigned whole)
 
 float lull_calm_share(const lull_calm_row *rows, unsigned n)
 {
-    return share_of(sum_of(&rows->calm, n), sum_of(&rows->cells, n));
+    const lull_calm_row all = sum_of(rows, n);
+    return share_of(all.calm, all.cells);
 }
 
 float lull_ragged_share(const lull_calm_row *rows, unsigned n)
 {
-    unsigned edges = sum_of(&rows->edges, n);
-    float wild = lull_ramp(share_of(sum_of(&rows->wild, n), sum_of(&rows->cells, n)), WILD);
-    return edges < FEW ? wild : wild * lull_ramp(share_of(sum_of(&rows->sharp, n), edges), SHARP);
+    const lull_calm_row all = sum_of(rows, n);
+    float wild = lull_ramp(share_of(all.wild, all.cells), WILD);
+    return all.edges < FEW ? wild : wild * lull_ramp(share_of(all.sharp, all.edges), SHARP);
 }
