@@ -357,7 +357,7 @@ static void make_bilateral(const lull_task *t, unsigned x, unsigned y, unsigned 
         return;
     s.out = lull_exec_floats(plan, t->layer + 1, y, x);
     s.out_plane = lull_exec_plane(plan, t->layer + 1);
-    s.noise = lull_exec_noise(plan, layer->source[2], y, x);
+    s.noise = lull_exec_noise(plan, layer->source[0], y, x);
     s.row = get_surface(plan, layer, x, y);
     s.is_far = lull_graph_is_far(layer);
     for (unsigned k = 0, away = 2; k < lull_bilateral_rows(s.is_far); k += 2, away += 2) {

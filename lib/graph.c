@@ -352,8 +352,8 @@ static lull_status add_filters(lull_graph *graph, int steps)
     static const lull_reads rows3[] = {LULL_READS_ROW, LULL_READS_ROW, LULL_READS_ROW};
     static const lull_reads pool[] = {LULL_READS_FINE, LULL_READS_ROW};
     static const lull_reads blend[] = {LULL_READS_ROW, LULL_READS_COARSE};
-    static const lull_reads near[] = {LULL_READS_5, LULL_READS_5, LULL_READS_ROW};
-    static const lull_reads far[] = {LULL_READS_9, LULL_READS_9, LULL_READS_ROW};
+    static const lull_reads near[] = {LULL_READS_5, LULL_READS_5};
+    static const lull_reads far[] = {LULL_READS_9, LULL_READS_9};
     static const lull_reads cell[] = {LULL_READS_CELL, LULL_READS_CELL};
     static const lull_reads fit_sums[] = {LULL_READS_8, LULL_READS_8, LULL_READS_8, LULL_READS_8};
     static const lull_reads fit[] = {LULL_READS_3};
@@ -392,7 +392,7 @@ static lull_status add_filters(lull_graph *graph, int steps)
                             (unsigned[]){filtered[s], result, LULL_TENSOR_NONE}, blend);
     if (steps)
         result = add_filter(graph, LULL_OP_BILATERAL, 0, 3,
-                            (unsigned[]){result, LULL_TENSOR_GUIDE, result, LULL_TENSOR_NONE},
+                            (unsigned[]){result, LULL_TENSOR_GUIDE, LULL_TENSOR_NONE},
                             has_residual ? far : near);
     if (has_fit) {
         unsigned sums = add_filter(

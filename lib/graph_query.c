@@ -33,9 +33,8 @@ int lull_graph_has_noise(const lull_graph *graph, unsigned tensor)
 unsigned lull_graph_mixed_by(const lull_graph *graph)
 {
     const lull_layer *last = &graph->layer[graph->layers - 1];
-    return last->op == LULL_OP_BILATERAL ? last->source[2]
-           : last->op == LULL_OP_CORRECT ? last->source[0]
-                                         : LULL_TENSOR_NONE;
+    return last->op == LULL_OP_BILATERAL || last->op == LULL_OP_CORRECT ? last->source[0]
+                                                                         : LULL_TENSOR_NONE;
 }
 
 int lull_layer_makes_codes(const lull_layer *layer)
