@@ -47,7 +47,8 @@ typedef enum lull_op {
     LULL_OP_FILTER, /* it, head: filtered radiance (r,g,b), and the codes of the blend weights; of
                      * level 0 also those of the noise, which the next two hand on */
     LULL_OP_BLEND,  /* it, coarser result: result (r,g,b) */
-    LULL_OP_BILATERAL, /* level 0's result, guide: smoothed; like all below if the file asks for it */
+    LULL_OP_BILATERAL, /* level 0's result, guide: smoothed; like all below if the file asks for it
+                        */
     LULL_OP_FACE,      /* normal, head: filtered normal (x,y,z), 0 where there is none */
     LULL_OP_FIT_SUMS,  /* smoothed result, filtered albedo and normal, radiance: sums over the
                         * pixels of a cell of 8x8 */
