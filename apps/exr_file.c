@@ -169,7 +169,8 @@ exr_result_t exr_chunks_begin(exr_chunks *chunks, exr_context_t context, int par
     return result;
 }
 
-exr_result_t exr_chunks_next(exr_chunks *chunks, int *is_end)
+/* Moves to the next chunk; *is_end is 1 (and there is none) after the last. */
+static exr_result_t next_chunk(exr_chunks *chunks, int *is_end)
 {
     int width = chunks->window.max.x - chunks->window.min.x + 1;
     int height = chunks->window.max.y - chunks->window.min.y + 1;
@@ -296,11 +297,24 @@ static exr_result_t aim(exr_decoder *decoder)
     return EXR_ERR_SUCCESS;
 }
 
+int exr_decoder_take(exr_decoder *decoder, exr_chunks *chunks)
+{
+    int is_end = 0;
+    if (chunks->is_over)
+        return 0;
+    decoder->found = next_chunk(chunks, &is_end);
+    decoder->chunks = *chunks;
+    chunks->is_over = is_end || decoder->found;
+    return !is_end;
+}
+
 exr_result_t exr_decode(exr_decoder *decoder)
 {
     const exr_chunks *chunks = &decoder->chunks;
     exr_decode_pipeline_t *decode = &decoder->decode;
     exr_result_t result;
+    if (decoder->found)
+        return decoder->found;
     if (!decoder->planes)
         decoder->planes = calloc((size_t)decoder->channels, sizeof *decoder->planes);
     if (!decoder->room)

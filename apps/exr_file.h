@@ -45,14 +45,12 @@ typedef struct exr_chunks {
     int lines;               /* scan lines in a chunk, or rows in a tile */
     int columns;             /* of a tile */
     int next_x, next_y;      /* tile, or first scan line, of the next chunk */
-    exr_chunk_info_t info;   /* the chunk, after exr_chunks_next */
+    exr_chunk_info_t info;   /* the chunk */
     int x, y;                /* its first pixel, from the window's corner */
+    int is_over;             /* no more are taken */
 } exr_chunks;
 
 exr_result_t exr_chunks_begin(exr_chunks *chunks, exr_context_t context, int part);
-
-/* Moves to the next chunk; *is_end is 1 (and there is none) after the last. */
-exr_result_t exr_chunks_next(exr_chunks *chunks, int *is_end);
 
 /* Chunks of the part, or a few more where a tiled one has several levels. */
 int exr_chunks_count(const exr_chunks *chunks);
@@ -70,10 +68,11 @@ typedef struct exr_team {
 void exr_team_begin(exr_team *team, int threads, int chunks, exr_file *first, exr_file *second);
 void exr_team_end(exr_team *team);
 
-/* Decodes chunks, one at a time. A zeroed struct with `chunks` set, and `wanted`, which is not the
- * decoder's: wanted[c] is 1 for the channels to be decoded, of `channels`. */
+/* Decodes chunks, one at a time. A zeroed struct with `wanted` set, which is not the decoder's:
+ * wanted[c] is 1 for the channels to be decoded, of `channels`. */
 typedef struct exr_decoder {
-    exr_chunks chunks; /* the current chunk */
+    exr_chunks chunks;  /* the current chunk, */
+    exr_result_t found; /* and whether the file has it */
     int channels;
     const unsigned char *wanted;
     platform_lock *lock;    /* of the stream, for decoding outside of it; NULL: none */
@@ -84,7 +83,10 @@ typedef struct exr_decoder {
     exr_result_t (*library_read)(struct _exr_decode_pipeline *);
 } exr_decoder;
 
-/* Decodes the current chunk into the planes. */
+/* Takes the next chunk, also one that the file lacks; 0: there is none, or one failed before. */
+int exr_decoder_take(exr_decoder *decoder, exr_chunks *chunks);
+
+/* Decodes the current chunk into the planes; `found` if that is an error. */
 exr_result_t exr_decode(exr_decoder *decoder);
 
 /* Makes room in a plane; 0 if there is no memory. */

@@ -17,7 +17,6 @@ typedef struct keeper {
     int channels;
     unsigned char *wanted;
     int *replaced; /* [channels] channel of the image that takes its place, or -1 */
-    int is_over;   /* no more chunks */
     exr_result_t failure; /* of the first chunk that failed: */
     exr_file *culprit;    /* the file, */
     exr_decoder *failed;  /* and whose it is, if in decoding */
@@ -28,7 +27,7 @@ typedef struct keep_slot {
     exr_decoder decoder;
     exr_encoder encoder;
     exr_result_t result;
-    int is_found, is_decoded; /* how far it came */
+    int is_decoded;
 } keep_slot;
 
 static void keeper_free(keeper *k)
@@ -380,22 +379,13 @@ static int take_chunk(void *user, void *slot)
 {
     keeper *k = user;
     keep_slot *s = slot;
-    int is_end = 0;
-    if (k->is_over)
-        return 0;
-    s->result = exr_chunks_next(&k->chunks, &is_end);
-    s->is_found = !s->result;
-    s->is_decoded = 0;
-    s->decoder.chunks = k->chunks;
-    k->is_over = is_end || s->result;
-    return !is_end;
+    return exr_decoder_take(&s->decoder, &k->chunks);
 }
 
 static void change_chunk(void *user, void *slot)
 {
     keep_slot *s = slot;
-    if (s->is_found)
-        s->result = exr_decode(&s->decoder);
+    s->result = exr_decode(&s->decoder);
     s->is_decoded = !s->result;
     if (!s->result)
         s->result = replace_planes(user, &s->decoder);
@@ -409,7 +399,7 @@ static int put_chunk(void *user, void *slot)
     keep_slot *s = slot;
     k->failure = s->result ? s->result : exr_encoder_write(&s->encoder);
     k->culprit = s->is_decoded ? &k->out : &k->in;
-    k->failed = k->failure && s->is_found && !s->is_decoded ? &s->decoder : NULL;
+    k->failed = k->failure && !s->decoder.found && !s->is_decoded ? &s->decoder : NULL;
     return !k->failure;
 }
 

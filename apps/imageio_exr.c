@@ -78,7 +78,6 @@ typedef struct reader {
     int taken[3]; /* channels of the image, as places in the part */
     int alpha;    /* likewise, -1: none */
     image *out;
-    int is_over;          /* no more chunks */
     exr_result_t failure; /* of the first chunk that failed, */
     exr_decoder *failed;  /* and whose it is, if in decoding */
 } reader;
@@ -87,7 +86,6 @@ typedef struct reader {
 typedef struct read_slot {
     exr_decoder decoder;
     exr_result_t result;
-    int is_found; /* the chunk is there to be decoded */
 } read_slot;
 
 static void reader_free(reader *r)
@@ -249,21 +247,13 @@ static int take_chunk(void *user, void *slot)
 {
     reader *r = user;
     read_slot *s = slot;
-    int is_end = 0;
-    if (r->is_over)
-        return 0;
-    s->result = exr_chunks_next(&r->chunks, &is_end);
-    s->is_found = !s->result;
-    s->decoder.chunks = r->chunks;
-    r->is_over = is_end || s->result;
-    return !is_end;
+    return exr_decoder_take(&s->decoder, &r->chunks);
 }
 
 static void decode_chunk(void *user, void *slot)
 {
     read_slot *s = slot;
-    if (s->is_found)
-        s->result = exr_decode(&s->decoder);
+    s->result = exr_decode(&s->decoder);
     if (!s->result)
         store_chunk(user, &s->decoder);
 }
@@ -273,7 +263,7 @@ static int put_chunk(void *user, void *slot)
     reader *r = user;
     read_slot *s = slot;
     r->failure = s->result;
-    r->failed = s->result && s->is_found ? &s->decoder : NULL;
+    r->failed = s->result && !s->decoder.found ? &s->decoder : NULL;
     return !s->result;
 }
 
