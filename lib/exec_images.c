@@ -227,6 +227,14 @@ static void load_kernel(const lull_task *t, float *block, unsigned x, unsigned y
         load_aux(t, from.albedo, from.normal, x, y, n);
 }
 
+/* Pixels of a row from one to the last that begins at most so many bytes from it, at least 1. */
+static unsigned pixels_within(const lull_image *image, ptrdiff_t bytes)
+{
+    ptrdiff_t stride = lull_image_pixel_stride(image);
+    stride = stride < 0 ? -stride : stride;
+    return stride < bytes ? (unsigned)(bytes / stride) : 1;
+}
+
 void lull_exec_fetch(const lull_task *t, unsigned index)
 {
     enum { LINE = 64 };
@@ -235,13 +243,13 @@ void lull_exec_fetch(const lull_task *t, unsigned index)
     for (unsigned i = t->ahead; i < t->ahead + LULL_FETCH && i < 3 * t->plan->row_step; i++) {
         const lull_image *image = lull_exec_feature(t->images, i % 3);
         unsigned y = lull_plan_done(t->plan, 0) + i / 3;
-        const uint8_t *from, *end;
+        unsigned x = t->left + columns * index / t->parts, step;
+        unsigned end = t->left + columns * (index + 1) / t->parts;
         if (y >= frame->height || !(frame->features >> (i % 3) & 1))
             continue;
-        from = lull_image_pixel(image, frame->width, t->left + columns * index / t->parts, y);
-        end = lull_image_pixel(image, frame->width, t->left + columns * (index + 1) / t->parts, y);
-        for (; from < end; from += LINE)
-            LULL_PREFETCH(from);
+        step = pixels_within(image, LINE);
+        for (; x < end; x += step)
+            LULL_PREFETCH(lull_image_pixel(image, frame->width, x, y));
     }
 }
 

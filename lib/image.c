@@ -73,20 +73,21 @@ size_t lull_image_pixel_bytes(const lull_image *image)
     return (size_t)element_bytes[image->type] * image->channels;
 }
 
-size_t lull_image_pixel_stride(const lull_image *image)
+ptrdiff_t lull_image_pixel_stride(const lull_image *image)
 {
-    return image->pixel_stride ? image->pixel_stride : lull_image_pixel_bytes(image);
+    return image->pixel_stride ? image->pixel_stride : (ptrdiff_t)lull_image_pixel_bytes(image);
 }
 
-size_t lull_image_row_stride(const lull_image *image, unsigned width)
+ptrdiff_t lull_image_row_stride(const lull_image *image, unsigned width)
 {
-    return image->row_stride ? image->row_stride : width * lull_image_pixel_stride(image);
+    return image->row_stride ? image->row_stride
+                             : (ptrdiff_t)width * lull_image_pixel_stride(image);
 }
 
 uint8_t *lull_image_pixel(const lull_image *image, unsigned width, unsigned x, unsigned y)
 {
-    return (uint8_t *)image->data + (size_t)y * lull_image_row_stride(image, width)
-           + (size_t)x * lull_image_pixel_stride(image);
+    return (uint8_t *)image->data + (ptrdiff_t)y * lull_image_row_stride(image, width)
+           + (ptrdiff_t)x * lull_image_pixel_stride(image);
 }
 
 int lull_image_is_in_place(const lull_image *a, const lull_image *b, unsigned width,
@@ -97,33 +98,55 @@ int lull_image_is_in_place(const lull_image *a, const lull_image *b, unsigned wi
            (height == 1 || lull_image_row_stride(a, width) == lull_image_row_stride(b, width));
 }
 
-/* Bytes from the first pixel of a row to the end of the last. */
+/* Bytes from the first pixel of a row to the end of the last, where strides are not negative. */
 static size_t row_span(const lull_image *image, unsigned width)
 {
-    return (width - 1) * lull_image_pixel_stride(image) + lull_image_pixel_bytes(image);
+    return (width - 1) * (size_t)lull_image_pixel_stride(image) + lull_image_pixel_bytes(image);
 }
 
 /* 1 if rows of b, which begin `ahead` bytes after those of a, end before the next ones of a, and do
  * not meet them: they lie behind them, or their pixels between those of a. */
 static int is_between(const lull_image *a, const lull_image *b, size_t ahead, unsigned width)
 {
-    size_t stride = lull_image_pixel_stride(a), within = ahead % stride;
-    if (ahead + row_span(b, width) > lull_image_row_stride(a, width))
+    ptrdiff_t stride = lull_image_pixel_stride(a);
+    size_t within = ahead % (size_t)stride;
+    if (ahead + row_span(b, width) > (size_t)lull_image_row_stride(a, width))
         return 0;
     return row_span(a, width) <= ahead ||
            (stride == lull_image_pixel_stride(b) && lull_image_pixel_bytes(a) <= within &&
-            within + lull_image_pixel_bytes(b) <= stride);
+            within + lull_image_pixel_bytes(b) <= (size_t)stride);
+}
+
+/* 1 if pixels follow each other in rows, and these one another. */
+static int is_in_order(const lull_image *image, unsigned width)
+{
+    ptrdiff_t row = lull_image_row_stride(image, width);
+    return lull_image_pixel_stride(image) > 0 && row > 0 && (size_t)row >= row_span(image, width);
+}
+
+/* Addresses from the lowest byte of all pixels to the end of the highest. */
+static void extent(const lull_image *image, unsigned width, unsigned height, uintptr_t *low,
+                   uintptr_t *end)
+{
+    unsigned right = lull_image_pixel_stride(image) < 0 ? 0 : width - 1;
+    unsigned bottom = lull_image_row_stride(image, width) < 0 ? 0 : height - 1;
+    *low = (uintptr_t)lull_image_pixel(image, width, width - 1 - right, height - 1 - bottom);
+    *end = (uintptr_t)lull_image_pixel(image, width, right, bottom) + lull_image_pixel_bytes(image);
 }
 
 int lull_image_overlaps(const lull_image *a, const lull_image *b, unsigned width, unsigned height)
 {
     const lull_image *low = (uintptr_t)a->data <= (uintptr_t)b->data ? a : b;
     const lull_image *high = low == a ? b : a;
-    size_t row = lull_image_row_stride(low, width);
+    size_t row = (size_t)lull_image_row_stride(low, width);
     size_t ahead = (size_t)((uintptr_t)high->data - (uintptr_t)low->data);
-    if (ahead >= (height - 1) * row + row_span(low, width))
+    uintptr_t first[2], end[2];
+    extent(a, width, height, &first[0], &end[0]);
+    extent(b, width, height, &first[1], &end[1]);
+    if (end[0] <= first[1] || end[1] <= first[0])
         return 0;
-    if (row != lull_image_row_stride(high, width))
+    if (!is_in_order(a, width) || !is_in_order(b, width) ||
+        lull_image_row_stride(a, width) != lull_image_row_stride(b, width))
         return 1;
     ahead %= row;
     return !is_between(low, high, ahead, width) && !is_between(high, low, row - ahead, width);
@@ -132,7 +155,7 @@ int lull_image_overlaps(const lull_image *a, const lull_image *b, unsigned width
 static int is_tight(const lull_image *image, lull_type type)
 {
     return image->type == type && image->channels == 3
-           && lull_image_pixel_stride(image) == lull_image_pixel_bytes(image);
+           && lull_image_pixel_stride(image) == (ptrdiff_t)lull_image_pixel_bytes(image);
 }
 
 float *lull_image_floats(const lull_image *image, unsigned width, unsigned x, unsigned y)
@@ -146,7 +169,8 @@ void lull_image_load(float *out, const lull_image *image, unsigned width, unsign
                      unsigned n)
 {
     const uint8_t *p = lull_image_pixel(image, width, x, y);
-    size_t stride = lull_image_pixel_stride(image), element = element_bytes[image->type];
+    ptrdiff_t stride = lull_image_pixel_stride(image);
+    size_t element = element_bytes[image->type];
     size_t second = image->channels > 1 ? element : 0;
     size_t third = image->channels > 2 ? 2 * element : second;
     float (*load)(const uint8_t *) = load_element[image->type];
@@ -171,7 +195,8 @@ void lull_image_store(const lull_image *image, unsigned width, unsigned x, unsig
                       const float *in)
 {
     uint8_t *p = lull_image_pixel(image, width, x, y);
-    size_t stride = lull_image_pixel_stride(image), element = element_bytes[image->type];
+    ptrdiff_t stride = lull_image_pixel_stride(image);
+    size_t element = element_bytes[image->type];
     void (*store)(uint8_t *, float) = store_element[image->type];
     size_t i;
     unsigned c;

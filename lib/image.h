@@ -12,8 +12,8 @@ uint16_t lull_float_to_half(float f);
 
 /* Bytes of one pixel, and the strides with the defaults filled in. */
 size_t lull_image_pixel_bytes(const lull_image *image);
-size_t lull_image_pixel_stride(const lull_image *image);
-size_t lull_image_row_stride(const lull_image *image, unsigned width);
+ptrdiff_t lull_image_pixel_stride(const lull_image *image);
+ptrdiff_t lull_image_row_stride(const lull_image *image, unsigned width);
 
 /* Pixel x of row y. */
 uint8_t *lull_image_pixel(const lull_image *image, unsigned width, unsigned x, unsigned y);
@@ -25,8 +25,8 @@ float *lull_image_floats(const lull_image *image, unsigned width, unsigned x, un
 int lull_image_is_in_place(const lull_image *a, const lull_image *b, unsigned width,
                            unsigned height);
 
-/* 0 if no pixels of both share bytes: one lies behind the other, or, where strides are the same,
- * its rows or pixels between those of the other. */
+/* 0 if no pixels of both share bytes: one lies behind the other, or, where row strides are the same
+ * and no shorter than rows, its rows or pixels between those of the other. */
 int lull_image_overlaps(const lull_image *a, const lull_image *b, unsigned width, unsigned height);
 
 /* Columns [x, x+n) of row y into out[0..3n) as (r,g,b) floats, unchanged (NaN and infinities too).

@@ -105,9 +105,9 @@ static lull_image make_image(uint8_t **block, size_t *bytes, const layout *l)
 
 static uint8_t *element_at(const lull_image *image, unsigned x, unsigned y, unsigned c)
 {
-    size_t pixel = image->pixel_stride ? image->pixel_stride
+    size_t pixel = image->pixel_stride ? (size_t)image->pixel_stride
                                        : element_bytes(image->type) * image->channels;
-    size_t row = image->row_stride ? image->row_stride : WIDTH * pixel;
+    size_t row = image->row_stride ? (size_t)image->row_stride : WIDTH * pixel;
     return (uint8_t *)image->data + y * row + x * pixel + c * element_bytes(image->type);
 }
 
