@@ -27,7 +27,7 @@ typedef struct denoise_settings {
     float motion_scale[2];
     int only_given; /* --no_aux: do not look for albedo and normal in the colour's file */
     int is_json, is_checking, is_repairing, is_help, is_list;
-    int type, quality, storage, runs, max_memory;
+    int type, quality, storage, runs, max_memory, ensemble;
     float input_scale; /* NaN: not set */
     float strength;    /* how far the result is from the input, 1 being that of the filter */
     float max_error;   /* NaN: the default of the content */

@@ -159,6 +159,8 @@ static void commit(frame_job *job, OIDNFilter filter)
     const denoise_settings *s = job->settings;
     if (s->quality >= 0)
         oidnSetFilterInt(filter, "quality", s->quality);
+    if (s->ensemble > 1)
+        oidnSetFilterInt(filter, "ensemble", s->ensemble);
     if (s->max_memory >= 0)
         oidnSetFilterInt(filter, "maxMemoryMB", s->max_memory);
     oidnSetFilterProgressMonitorFunction(filter, on_progress, job->session);

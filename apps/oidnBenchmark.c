@@ -32,7 +32,7 @@ typedef struct settings {
     const char *pattern, *weights;
     int width, height; /* 0: the standard sizes */
     int runs;          /* 0: as many as fit in half a second, 3 at least */
-    int type, quality, storage, max_memory;
+    int type, quality, storage, max_memory, ensemble;
     int is_in_place, is_json, is_list, is_device_list, is_help;
 } settings;
 
@@ -194,6 +194,8 @@ static exit_code make_filter(bench *b, const benchmark *what, frame_size size)
     }
     if (b->s->quality >= 0)
         oidnSetFilterInt(b->filter, "quality", b->s->quality);
+    if (b->s->ensemble > 1)
+        oidnSetFilterInt(b->filter, "ensemble", b->s->ensemble);
     if (b->s->max_memory >= 0)
         oidnSetFilterInt(b->filter, "maxMemoryMB", b->s->max_memory);
     if (b->weights)
@@ -361,6 +363,8 @@ static const option table[] = {
     {OPTION_WORD, "t type", AT(type), 0, 0, device_types, NULL, 1, "float|half", "values (float)"},
     {OPTION_WORD, "q quality", AT(quality), 0, 0, device_qualities, NULL, 1,
      "default|h|high|b|balanced|f|fast|auto", "quality (high)"},
+    {OPTION_INT, "ensemble", AT(ensemble), 1, 4, NULL, NULL, 1, "1|2|4",
+     "mean of so many orientations (1)"},
     {OPTION_TEXT, "w weights", AT(weights), 0, 0, NULL, NULL, 1, "FILE.tza",
      "network weights (the built-in ones)"},
     {OPTION_CALL, "d dev device", 0, 0, 0, NULL, set_device, 1,
@@ -392,8 +396,13 @@ int main(int argc, char **argv)
     s.device = device_settings_default();
     s.storage = 2;
     s.quality = s.max_memory = -1;
+    s.ensemble = 1;
     if (options_parse(table, OPTIONS, &s, NULL, argc, argv))
         return report_refusal(EXIT_USAGE, argc, argv);
+    if (s.ensemble == 3) {
+        report_error(EXIT_USAGE, "--ensemble 3: 1, 2 or 4 is expected");
+        return report_refusal(EXIT_USAGE, argc, argv);
+    }
     if (s.is_help) {
         printf("oidnBenchmark: times the denoising of random images\nusage: oidnBenchmark ...\n\n");
         options_print(table, OPTIONS);

@@ -254,28 +254,12 @@ static lull_status choose(OIDNFilter filter, const lull_images *images, const lu
     return LULL_OK;
 }
 
-static void share_loop(void *user, unsigned count,
-                       void (*body)(void *context, unsigned index, unsigned worker), void *context)
-{
-    const lull_host *host = user;
-
-    host->parallel_for(host->user, count, body, context);
-}
-
-/* That of the frame, which begins where the sample ends. */
-static int pass_progress(void *user, double fraction)
-{
-    const lull_host *host = user;
-
-    return host->progress(host->user, SAMPLE_PART + (1 - SAMPLE_PART) * fraction);
-}
-
 lull_status lull_ladder_run(OIDNFilter filter, const lull_images *images, const lull_host *host,
                             OIDNQuality *taken)
 {
     lull_ladder *ladder = &filter->ladder;
-    lull_host caller = *host;
-    const lull_host rest = {&caller, share_loop, host->progress ? pass_progress : NULL};
+    lull_host_part part;
+    const lull_host rest = lull_host_of_part(&part, host, SAMPLE_PART, 1 - SAMPLE_PART);
     lull_images scaled = *images;
     lull_plan *plan = filter->plan;
     unsigned rung;

@@ -118,21 +118,61 @@ static bool find_overlap(OIDNFilter filter, unsigned features, bool *staged)
     return overlap;
 }
 
+/* What executions need beside the plan, and whether they may write the output while they read. */
+static bool find_pictures(lull_pictures *pictures, OIDNFilter filter, lull_frame *frame,
+                          lull_fault *fault)
+{
+    const lull_image_param *output = &filter->images[LULL_OUTPUT];
+    const int n = filter->values[lull_value_ensemble].i;
+    const size_t pixels = output->width * output->height;
+    const size_t sum_bytes = pixels * lull_format_channels(output->format) * sizeof(float);
+    bool staged;
+
+    memset(pictures, 0, sizeof *pictures);
+    if (n != 1 && n != 2 && n != 4)
+        return lull_fail(fault, OIDN_ERROR_INVALID_ARGUMENT,
+                         "ensemble is %d; it must be 1, 2 or 4", n);
+    if (n > 1 && (uint64_t)pixels * 3 * sizeof(float) > SIZE_MAX / 4)
+        return lull_fail(fault, OIDN_ERROR_OUT_OF_MEMORY, "out of memory: pictures of %llu pixels",
+                         (unsigned long long)pixels);
+    pictures->orientations = (unsigned)n;
+    frame->in_place = find_overlap(filter, frame->features, &staged);
+    if (n > 1) {
+        staged = frame->in_place || output->format >= OIDN_FORMAT_HALF;
+        pictures->turned_bytes = sum_bytes;
+    }
+    if (staged || (frame->in_place && filter->device->engine)) {
+        frame->in_place = 0;
+        pictures->staged_bytes = n > 1 ? sum_bytes : pixels * lull_format_bytes(output->format);
+    }
+    return true;
+}
+
+static bool same_pictures(const lull_pictures *a, const lull_pictures *b)
+{
+    return a->orientations == b->orientations && a->staged_bytes == b->staged_bytes &&
+           a->turned_bytes == b->turned_bytes;
+}
+
 /* ---- Plan ------------------------------------------------------------------------------------ */
 
 void lull_filter_free_plan(OIDNFilter filter)
 {
-    if (filter->engine_plan)
-        filter->device->engine->free_plan(filter->engine_plan);
+    unsigned i;
+
+    for (i = 0; i < 2; i++) {
+        if (filter->engine_plan[i])
+            filter->device->engine->free_plan(filter->engine_plan[i]);
+        filter->engine_plan[i] = NULL;
+    }
     lull_os_free(filter->plan_memory);
-    lull_os_free(filter->stage);
+    lull_os_free(filter->pictures_memory);
     lull_os_free(filter->ladder.memory);
     memset(&filter->ladder, 0, sizeof filter->ladder);
-    filter->engine_plan = NULL;
+    memset(&filter->pictures, 0, sizeof filter->pictures);
     filter->plan_memory = NULL;
     filter->plan = NULL;
-    filter->stage = NULL;
-    filter->stage_bytes = 0;
+    filter->pictures_memory = NULL;
 }
 
 /* Whether plans for the two frames are the same. */
@@ -145,16 +185,36 @@ static bool same_frame(const lull_frame *a, const lull_frame *b)
            a->strip_width == b->strip_width && a->trained_for == b->trained_for;
 }
 
+/* Bytes of the smallest plan: the core's has one orientation at a time, the engine's has both kinds
+ * beside each other. A fault where there can be none. */
+static size_t least_bytes(OIDNFilter filter, const lull_model *model, unsigned orientations,
+                          const lull_frame *frame, lull_fault *fault)
+{
+    lull_engine *engine = filter->device->engine;
+    size_t most = 0, sum = 0;
+    unsigned i;
+
+    for (i = 0; i < orientations && i < 2; i++) {
+        const lull_frame turned = lull_frame_turned(frame, i);
+        const size_t bytes = engine ? (size_t)engine->minimum(engine, &turned, model, fault)
+                                    : lull_plan_minimum(&turned, model);
+
+        most = bytes > most ? bytes : most;
+        sum += bytes;
+    }
+    return engine ? sum : most;
+}
+
 /* Turns maxMemoryMB into limits of the plan, and drops the ladder where it has no room beside it.
- * The megabytes count weights, plan, sample and staged output; fixed: weights and staged output
- * without the ladder's. 0 cannot be met; it asks for the least memory at no more than about twice
- * the work, which is strips as wide as their overlaps. */
+ * The megabytes count weights, plan, sample and pictures; fixed: weights and pictures without the
+ * ladder's. 0 cannot be met; it asks for the least memory at no more than about twice the work,
+ * which is strips as wide as their overlaps. */
 static bool set_limits(OIDNFilter filter, const lull_model *model, size_t fixed,
-                       lull_ladder *ladder, lull_frame *frame, lull_fault *fault)
+                       unsigned orientations, lull_ladder *ladder, lull_frame *frame,
+                       lull_fault *fault)
 {
     const size_t more = ladder->weights_bytes + ladder->sample_bytes;
     const int megabytes = filter->values[lull_value_max_memory_mb].i;
-    lull_engine *engine = filter->device->engine;
     lull_model_info info;
     size_t floor;
 
@@ -167,8 +227,7 @@ static bool set_limits(OIDNFilter filter, const lull_model *model, size_t fixed,
         frame->row_step = 2;
         return true;
     }
-    floor = engine ? (size_t)engine->minimum(engine, frame, model, fault)
-                   : lull_plan_minimum(frame, model);
+    floor = least_bytes(filter, model, orientations, frame, fault);
     if (fault->code != OIDN_ERROR_NONE)
         return false;
     if ((uint64_t)fixed + floor > (uint64_t)megabytes << 20)
@@ -182,24 +241,28 @@ static bool set_limits(OIDNFilter filter, const lull_model *model, size_t fixed,
         fixed += more;
     if ((uint64_t)megabytes << 20 <= SIZE_MAX)
         frame->max_bytes = ((size_t)megabytes << 20) - fixed;
+    if (filter->device->engine && orientations > 1)
+        frame->max_bytes /= 2; /* of two plans */
     return true;
 }
 
 /* Memory for the core's plan, if that is what there will be, and for what goes with it. */
-static bool allocate(OIDNFilter filter, size_t plan_bytes, size_t stage_bytes,
+static bool allocate(OIDNFilter filter, size_t plan_bytes, const lull_pictures *pictures,
                      const lull_ladder *ladder, lull_fault *fault)
 {
+    const size_t picture_bytes = pictures->staged_bytes + pictures->turned_bytes;
+
     lull_filter_free_plan(filter);
     filter->plan_memory = plan_bytes ? lull_os_alloc(plan_bytes) : NULL;
     if (plan_bytes && !filter->plan_memory)
         return lull_fail(fault, OIDN_ERROR_OUT_OF_MEMORY, "out of memory: plan of %llu bytes",
                          (unsigned long long)plan_bytes);
-    if (stage_bytes) {
-        filter->stage = lull_os_alloc(stage_bytes);
-        if (!filter->stage)
+    if (picture_bytes) {
+        filter->pictures_memory = lull_os_alloc(picture_bytes);
+        if (!filter->pictures_memory)
             return lull_fail(fault, OIDN_ERROR_OUT_OF_MEMORY,
                              "out of memory: output copy of %llu bytes",
-                             (unsigned long long)stage_bytes);
+                             (unsigned long long)picture_bytes);
     }
     if (ladder->rungs) {
         filter->ladder = *ladder;
@@ -214,14 +277,22 @@ static bool allocate(OIDNFilter filter, size_t plan_bytes, size_t stage_bytes,
 
 /* The core's plan. */
 static bool make_core_plan(OIDNFilter filter, const lull_frame *frame, const lull_model *model,
-                           size_t stage_bytes, const lull_ladder *ladder, lull_fault *fault)
+                           const lull_pictures *pictures, const lull_ladder *ladder,
+                           lull_fault *fault)
 {
-    const size_t size = ladder->rungs ? lull_ladder_plan_size(ladder, frame)
-                                      : lull_plan_size(frame, model);
-    const size_t bytes = size ? size : FAILED_PLAN;
+    size_t bytes = 0;
     lull_status status;
+    unsigned i;
 
-    if (!allocate(filter, bytes, stage_bytes, ladder, fault))
+    for (i = 0; i < pictures->orientations && i < 2; i++) {
+        const lull_frame turned = lull_frame_turned(frame, i);
+        const size_t size = ladder->rungs ? lull_ladder_plan_size(ladder, &turned)
+                                          : lull_plan_size(&turned, model);
+
+        bytes = size > bytes ? size : bytes;
+    }
+    bytes = bytes ? bytes : FAILED_PLAN;
+    if (!allocate(filter, bytes, pictures, ladder, fault))
         return false;
     status = lull_plan_init(&filter->plan, filter->plan_memory, bytes, frame, model);
     if (status != LULL_OK)
@@ -236,30 +307,39 @@ static bool make_core_plan(OIDNFilter filter, const lull_frame *frame, const lul
 
 /* The engine's. */
 static bool make_engine_plan(OIDNFilter filter, const lull_frame *frame, const lull_model *model,
-                             size_t stage_bytes, const lull_ladder *ladder, lull_fault *fault)
+                             const lull_pictures *pictures, const lull_ladder *ladder,
+                             lull_fault *fault)
 {
     lull_engine *engine = filter->device->engine;
+    unsigned i;
 
-    if (!allocate(filter, 0, stage_bytes, ladder, fault))
+    if (!allocate(filter, 0, pictures, ladder, fault))
         return false;
-    filter->engine_plan = engine->new_plan(engine, frame, model, fault);
-    if (!filter->engine_plan)
-        return false;
-    engine->get_info(filter->engine_plan, &filter->plan_info);
-    filter->plan_bytes = filter->plan_info.bytes;
+    filter->plan_bytes = 0;
+    for (i = 2; i-- > 0;) {
+        const lull_frame turned = lull_frame_turned(frame, i);
+
+        if (i >= pictures->orientations)
+            continue;
+        filter->engine_plan[i] = engine->new_plan(engine, &turned, model, fault);
+        if (!filter->engine_plan[i])
+            return false;
+        engine->get_info(filter->engine_plan[i], &filter->plan_info);
+        filter->plan_bytes += filter->plan_info.bytes;
+    }
     return true;
 }
 
 static bool make_plan(OIDNFilter filter, const lull_frame *frame, const lull_model *model,
-                      size_t stage_bytes, const lull_ladder *ladder, lull_fault *fault)
+                      const lull_pictures *pictures, const lull_ladder *ladder, lull_fault *fault)
 {
     if (!(filter->device->engine
-              ? make_engine_plan(filter, frame, model, stage_bytes, ladder, fault)
-              : make_core_plan(filter, frame, model, stage_bytes, ladder, fault)))
+              ? make_engine_plan(filter, frame, model, pictures, ladder, fault)
+              : make_core_plan(filter, frame, model, pictures, ladder, fault)))
         return false;
     filter->frame = *frame;
     filter->model = model;
-    filter->stage_bytes = stage_bytes;
+    filter->pictures = *pictures;
     return true;
 }
 
@@ -299,6 +379,7 @@ static void print_summary(OIDNFilter filter, size_t model_bytes)
 {
     const lull_plan_info plan = filter->plan_info;
     const lull_ladder *ladder = &filter->ladder;
+    const size_t picture_bytes = filter->pictures.staged_bytes + filter->pictures.turned_bytes;
     lull_model_info model;
     unsigned i;
 
@@ -315,16 +396,18 @@ static void print_summary(OIDNFilter filter, size_t model_bytes)
     if (ladder->rungs)
         printf("  Quality: auto, this network or one of %u smaller ones\n", ladder->rungs - 1);
     printf("  Image  : %ux%u%s\n", filter->frame.width, filter->frame.height,
-           filter->stage            ? ", in place with a copy"
-           : filter->frame.in_place ? ", in place"
-                                    : "");
+           filter->pictures.staged_bytes ? ", in place with a copy"
+           : filter->frame.in_place      ? ", in place"
+                                         : "");
+    if (filter->pictures.orientations > 1)
+        printf("  Mean   : of %u orientations\n", filter->pictures.orientations);
     printf("  Strips : %u of %u columns, steps of %u rows\n", plan.strips, plan.strip_width,
            plan.row_step);
     printf("  Memory : %llu bytes (weights %llu, plan %llu, copy %llu, sample %llu)\n",
-           (unsigned long long)(model_bytes + filter->plan_bytes + filter->stage_bytes +
+           (unsigned long long)(model_bytes + filter->plan_bytes + picture_bytes +
                                 ladder->sample_bytes),
            (unsigned long long)model_bytes, (unsigned long long)filter->plan_bytes,
-           (unsigned long long)filter->stage_bytes, (unsigned long long)ladder->sample_bytes);
+           (unsigned long long)picture_bytes, (unsigned long long)ladder->sample_bytes);
     fflush(stdout);
 }
 
@@ -362,9 +445,9 @@ static bool prepare(OIDNFilter filter, bool may_change, bool *busy, lull_fault *
     lull_model_info info;
     lull_ladder ladder;
     lull_frame frame;
-    size_t model_bytes, stage_bytes = 0;
+    lull_pictures pictures;
+    size_t model_bytes;
     unsigned features;
-    bool staged;
 
     *busy = false;
     if (!check_images(filter, &features, fault) || !check_combination(filter, features, fault))
@@ -378,23 +461,21 @@ static bool prepare(OIDNFilter filter, bool may_change, bool *busy, lull_fault *
     frame.threads = lull_pool_size(filter->device->pool);
     if (!choose_model(filter, &frame, &model, &model_bytes, fault))
         return false;
-    frame.in_place = find_overlap(filter, frame.features, &staged);
-    if (staged || (frame.in_place && filter->device->engine)) {
-        frame.in_place = 0;
-        stage_bytes = output->width * output->height * lull_format_bytes(output->format);
-    }
+    if (!find_pictures(&pictures, filter, &frame, fault))
+        return false;
     if (!lull_ladder_find(&ladder, filter, &frame, model, fault))
         return false;
-    if (!set_limits(filter, model, model_bytes + stage_bytes, &ladder, &frame, fault))
+    if (!set_limits(filter, model, model_bytes + pictures.staged_bytes + pictures.turned_bytes,
+                    pictures.orientations, &ladder, &frame, fault))
         return false;
     model_bytes += ladder.weights_bytes;
-    if ((!filter->plan && !filter->engine_plan) || filter->model != model ||
-        filter->stage_bytes != stage_bytes || !same_frame(&filter->frame, &frame) ||
+    if ((!filter->plan && !filter->engine_plan[0]) || filter->model != model ||
+        !same_pictures(&filter->pictures, &pictures) || !same_frame(&filter->frame, &frame) ||
         !lull_ladder_same(&filter->ladder, &ladder)) {
         *busy = !may_change;
         if (!may_change)
             return true;
-        if (!make_plan(filter, &frame, model, stage_bytes, &ladder, fault))
+        if (!make_plan(filter, &frame, model, &pictures, &ladder, fault))
             return false;
         lull_queue_take_fault(filter->device, fault); /* of earlier work; this commit holds */
     }

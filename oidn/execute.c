@@ -2,8 +2,12 @@
 #include "../lib/pack.h" /* first: Windows defines near and far */
 #include "internal.h"
 
+#include "../lib/image.h"
+
 #include <math.h>
 #include <string.h>
+
+#define SOME 64u /* pixels copied together */
 
 /* What lull_run gets as `user`. */
 typedef struct run_state {
@@ -31,24 +35,44 @@ static int progress(void *user, double fraction)
     return state->job->progress(state->job->progress_user, fraction);
 }
 
-/* The staged output to where it belongs. */
-static void copy_stage(const lull_image *to, const void *stage, unsigned width, unsigned height)
+static void share_loop(void *user, unsigned count,
+                       void (*body)(void *context, unsigned index, unsigned worker), void *context)
 {
-    const size_t pixel = (to->type == LULL_F16 ? 2 : 4) * (size_t)to->channels;
-    const char *source = stage;
-    unsigned x, y;
+    const lull_host *whole = ((lull_host_part *)user)->whole;
 
-    for (y = 0; y < height; y++) {
-        char *row = (char *)to->data + y * to->row_stride;
+    whole->parallel_for(whole->user, count, body, context);
+}
 
-        if (to->pixel_stride == pixel) {
-            memcpy(row, source, width * pixel);
-            source += width * pixel;
-            continue;
+static int pass_progress(void *user, double fraction)
+{
+    const lull_host_part *part = user;
+
+    return part->whole->progress(part->whole->user, part->begin + part->size * fraction);
+}
+
+lull_host lull_host_of_part(lull_host_part *part, const lull_host *whole, double begin, double size)
+{
+    lull_host host = {part, share_loop, whole->progress ? pass_progress : NULL};
+
+    part->whole = whole;
+    part->begin = begin;
+    part->size = size;
+    return host;
+}
+
+/* The staged output to where it belongs. */
+static void copy_stage(const lull_image *to, const lull_image *stage, unsigned width,
+                       unsigned height)
+{
+    float block[3 * SOME];
+    unsigned x, y, n;
+
+    for (y = 0; y < height; y++)
+        for (x = 0; x < width; x += n) {
+            n = lull_min_u(SOME, width - x);
+            lull_image_load(block, stage, width, x, y, n);
+            lull_image_store(to, width, x, y, n, block);
         }
-        for (x = 0; x < width; x++, source += pixel)
-            memcpy(row + x * to->pixel_stride, source, pixel);
-    }
 }
 
 /* The scale that was given, but for networks of kernel prediction no farther from the automatic one
@@ -92,19 +116,16 @@ static void run_filter(const lull_job *job, lull_fault *fault)
         lull_fail_status(fault, LULL_CANCELLED, "filter");
         return;
     }
-    if (filter->stage) {
-        images.output.data = filter->stage;
-        images.output.pixel_stride = images.output.row_stride = 0;
-    }
+    if (filter->pictures.staged_bytes)
+        images.output = lull_tight_image(
+            &images.output, filter->pictures.orientations > 1 ? LULL_F32 : images.output.type,
+            &filter->frame, filter->pictures_memory);
     lull_pool_enter(state.pool);
     images.input_scale = visible_scale(filter, &images, &host);
-    status = filter->engine_plan
-                 ? filter->device->engine->run(filter->engine_plan, &images, &host, fault)
-             : filter->ladder.rungs ? lull_ladder_run(filter, &images, &host, &quality)
-                                    : lull_run(filter->plan, &images, &host);
+    status = lull_ensemble_run(filter, &images, &host, &quality, fault);
     lull_pool_leave(state.pool);
-    if (status == LULL_OK && filter->stage)
-        copy_stage(&job->images.output, filter->stage, filter->frame.width, filter->frame.height);
+    if (status == LULL_OK && filter->pictures.staged_bytes)
+        copy_stage(&job->images.output, &images.output, filter->frame.width, filter->frame.height);
     if (status == LULL_OK)
         lull_atomic_store(&filter->used, (uint32_t)quality);
     if (status == LULL_OK && job->progress)

@@ -298,6 +298,14 @@ typedef struct lull_ladder {
     void *memory;
 } lull_ladder;
 
+/* Tight pictures that executions need beside the plan. */
+typedef struct lull_pictures {
+    unsigned orientations; /* that the frame is denoised in, 1 if it is only once */
+    size_t staged_bytes;   /* for the output, if it overlaps an input other than exactly, or cannot
+                            * hold sums of orientations */
+    size_t turned_bytes;   /* for the result of all orientations but the first */
+} lull_pictures;
+
 struct OIDNFilterImpl {
     lull_atomic refs;  /* queued work and handles together */
     lull_atomic users; /* handles */
@@ -317,14 +325,14 @@ struct OIDNFilterImpl {
     lull_weights weights; /* of `weights` */
     lull_plan *plan;      /* NULL: none; made for `frame` and `model` */
     void *plan_memory;
-    lull_engine_plan *engine_plan; /* in its place, if the device has an engine */
+    lull_engine_plan *engine_plan[2]; /* in its place, if the device has an engine; and turned */
     size_t plan_bytes;
     lull_plan_info plan_info;
     lull_frame frame;
     const lull_model *model;
     lull_ladder ladder; /* its executions make the plan anew, in the same place */
-    void *stage; /* tight output image, if the output overlaps an input other than exactly */
-    size_t stage_bytes;
+    lull_pictures pictures;
+    void *pictures_memory;
     lull_images committed; /* images as executed */
     OIDNBuffer committed_buffers[LULL_IMAGES];
 };
@@ -413,6 +421,27 @@ bool lull_ladder_same(const lull_ladder *a, const lull_ladder *b);
 
 /* Bytes that hold the plan of any of the models, one at a time; 0 if one of them can have none. */
 size_t lull_ladder_plan_size(const lull_ladder *ladder, const lull_frame *frame);
+
+/* A part of a run as a run of its own, for progress functions: from `begin` on, of `size`. */
+typedef struct lull_host_part {
+    const lull_host *whole;
+    double begin, size;
+} lull_host_part;
+
+lull_host lull_host_of_part(lull_host_part *part, const lull_host *whole, double begin,
+                            double size);
+
+/* A tight picture of `type` for what `output` has. */
+lull_image lull_tight_image(const lull_image *output, lull_type type, const lull_frame *frame,
+                            void *data);
+
+/* The mean of all orientations of the frame, with the model that it needs (ensemble.c). The output
+ * of `images` must be able to hold sums if there are several. *taken: as lull_ladder_run. */
+lull_status lull_ensemble_run(OIDNFilter filter, const lull_images *images, const lull_host *host,
+                              OIDNQuality *taken, lull_fault *fault);
+
+/* The frame in orientation `index`, from 0 on. */
+lull_frame lull_frame_turned(const lull_frame *frame, unsigned index);
 
 /* lull_run with the model that the frame needs, for a filter with a ladder. *taken: its quality. */
 lull_status lull_ladder_run(OIDNFilter filter, const lull_images *images, const lull_host *host,

@@ -140,6 +140,7 @@ class Denoiser:
     weights      a TZA file's path or bytes; None: the built-in models
     threads      0: one per core
     max_memory_mb  of the library, None: no limit
+    ensemble     1, 2 or 4: the mean of so many orientations, for as many times the time
 
     Any thread may call it; calls wait for each other. Raises ValueError or TypeError for settings
     that cannot be, Error if the device cannot be had.
@@ -151,7 +152,7 @@ class Denoiser:
                  clean_aux: bool = False, filter_type: str = "RT", directional: bool = False,
                  input_scale: float | None = None,
                  weights: str | os.PathLike | bytes | None = None, threads: int = 0,
-                 max_memory_mb: int | None = None):
+                 max_memory_mb: int | None = None, ensemble: int = 1):
         if filter_type not in ("RT", "RTLightmap"):
             raise ValueError(f"filter_type: {filter_type!r} is neither 'RT' nor 'RTLightmap'")
         if quality not in QUALITIES:
@@ -167,6 +168,8 @@ class Denoiser:
             raise ValueError(f"threads: {threads} is negative")
         if max_memory_mb is not None and max_memory_mb < 0:
             raise ValueError(f"max_memory_mb: {max_memory_mb} is negative")
+        if ensemble not in (1, 2, 4):
+            raise ValueError(f"ensemble: {ensemble} is none of 1, 2, 4")
         self._lock = threading.Lock()
         self._had: set[str] = set()
         self._pid = os.getpid()
@@ -184,6 +187,8 @@ class Denoiser:
         for name, value in flags.items():
             lib.oidnSetFilterBool(self._filter, name.encode(), value)
         lib.oidnSetFilterInt(self._filter, b"quality", QUALITIES[quality])
+        if ensemble > 1:
+            lib.oidnSetFilterInt(self._filter, b"ensemble", ensemble)
         if max_memory_mb is not None:
             lib.oidnSetFilterInt(self._filter, b"maxMemoryMB", max_memory_mb)
         if input_scale is not None:

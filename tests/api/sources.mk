@@ -33,3 +33,6 @@ TEST_test_memory_LIBS := -lm -Wl,--wrap=malloc,--wrap=free,--wrap=pthread_create
 TESTS += test_auto
 TEST_test_auto_SOURCES := tests/api/test_auto.c $(API_COMMON)
 TEST_test_auto_LIBS := -lm
+TESTS += test_ensemble
+TEST_test_ensemble_SOURCES := tests/api/test_ensemble.c $(API_COMMON)
+TEST_test_ensemble_LIBS := -lm

@@ -61,7 +61,7 @@ def test_runs_without_a_number(benchmark, identity):
     "--quality b", "-q auto", "--threads 1", "--affinity 0", "--maxmem 500", "--maxMemoryMB 500",
     "--inplace", "--buffer host", "--buffer hostcopy", "--buffer device", "--buffer devicecopy",
     "--buffer managed", "--buffer managedcopy", "--buffer hostcopy --inplace", "-v 0",
-    "-n 1"])  # fmt: skip
+    "-n 1", "--ensemble 2"])  # fmt: skip
 def test_option_is_accepted(benchmark, identity, option):
     done = benchmark(
         "-n", 2, "-s", 16, 16, "-r", "RT.hdr_alb.*", "-w", identity[9], *option.split()
@@ -72,7 +72,7 @@ def test_option_is_accepted(benchmark, identity, option):
 
 @pytest.mark.parametrize("arguments", [
     "-s 64", "-s 0 0", "-s 64 x", "-n 0", "-r [", "-r (a", "-r *", "--buffer disk", "--nonsense",
-    "x", "-s 16 16 -r nothing", "-q slow"])  # fmt: skip
+    "x", "-s 16 16 -r nothing", "-q slow", "--ensemble 3"])  # fmt: skip
 def test_usage_errors(benchmark, arguments):
     done = benchmark(*arguments.split())
     assert done.code == 1 and done.error

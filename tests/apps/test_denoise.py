@@ -129,6 +129,8 @@ OPTIONS = [
     "--maxmem 1000",
     "--maxMemoryMB 1000",
     "--maxmem -1",
+    "--ensemble 1",
+    "--ensemble 4",
     "--inplace",
     "--inplace -n 3",
     "--inplace --buffer host",
@@ -160,6 +162,20 @@ def test_where_images_are_does_not_matter(denoise, identity, frame, option):
     assert {r["hash"] for r in other} == {plain[0]["hash"]}
 
 
+def test_ensembles(denoise, frame, work):
+    """The mean of orientations, whatever memory the images are in; and with a wrong number."""
+    hashes = {}
+    for options in ("", "--ensemble 1", "--ensemble 2", "--ensemble 2 --inplace -n 2",
+                    "--ensemble 2 --buffer device", "--ensemble 4"):  # fmt: skip
+        runs = denoise(*ALL, "--json", *options.split()).json["runs"]
+        (hashes[options],) = {r["hash"] for r in runs}
+    one, same, two, in_place, in_buffers, four = hashes.values()
+    assert one == same and two == in_place == in_buffers and len({one, two, four}) == 3
+    for number in "0", "3", "5", "two":
+        done = denoise(*ALL, "--ensemble", number)
+        assert done.code == 1 and number in done.error and "ensemble" in done.error
+
+
 @pytest.mark.parametrize("names", ["--alb --nrm", "--albedo --normal"])
 def test_names_of_auxiliary_images(denoise, identity, frame, names):
     alb, nrm = names.split()
@@ -175,7 +191,7 @@ def test_help(denoise, work, arguments, words):
     assert done.code == 1 and words in done.out
     for option in (
         "--hdr --ldr --dir --srgb --alb --nrm --clean_aux --is -o --ref --maxerror -t -q "
-        "-w -n --threads --affinity --maxmem --inplace --buffer -v --ld -f -d".split()
+        "-w -n --threads --affinity --maxmem --ensemble --inplace --buffer -v --ld -f -d".split()
     ):
         assert option in done.out, option
 

@@ -12,7 +12,8 @@ typedef struct frame {
     unsigned features; /* bits of color, albedo, normal */
     const char *type, *content; /* of filter; boolean parameter that is set, or NULL */
     OIDNQuality quality;
-    int memory;  /* maxMemoryMB */
+    int memory;   /* maxMemoryMB */
+    int ensemble; /* orientations */
     float scale; /* inputScale */
     const void *weights;
     size_t weights_bytes;
@@ -26,7 +27,7 @@ static bool count_call(void *calls, double progress)
     return true;
 }
 
-static const frame plain = {93, 61, 7, "RT", "hdr", OIDN_QUALITY_FAST, -1, NAN, NULL, 0, NULL};
+static const frame plain = {93, 61, 7, "RT", "hdr", OIDN_QUALITY_FAST, -1, 1, NAN, NULL, 0, NULL};
 
 static void run(OIDNDevice device, const frame *f, float *const images[3], float *out)
 {
@@ -44,6 +45,7 @@ static void run(OIDNDevice device, const frame *f, float *const images[3], float
         oidnSetSharedFilterData(filter, "weights", (void *)(size_t)f->weights, f->weights_bytes);
     oidnSetFilterInt(filter, "quality", f->quality);
     oidnSetFilterInt(filter, "maxMemoryMB", f->memory);
+    oidnSetFilterInt(filter, "ensemble", f->ensemble);
     oidnSetFilterFloat(filter, "inputScale", f->scale);
     if (f->calls)
         oidnSetFilterProgressMonitorFunction(filter, count_call, f->calls);
@@ -65,9 +67,9 @@ static int same(const frame *f, float *const images[3])
     run(opencl, f, images, out);
     equal = !memcmp(expected, out, values * sizeof *out);
     if (!equal)
-        printf("  %ux%u, %s %s, features %u, quality %d, %d MB, scale %g\n", (unsigned)f->width,
+        printf("  %ux%u, %s %s, features %u, quality %d, %d MB, %d, scale %g\n", (unsigned)f->width,
                (unsigned)f->height, f->type, f->content ? f->content : "", f->features, f->quality,
-               f->memory, (double)f->scale);
+               f->memory, f->ensemble, (double)f->scale);
     free(expected);
     free(out);
     return equal;
@@ -329,6 +331,29 @@ static void smaller_tiles_fit(void)
     free_images(images);
 }
 
+/* The mean of several orientations, whole and in tiles; of a filter that had one before. */
+static void ensembles(void)
+{
+    float *images[3];
+    frame f;
+
+    NEED_OPENCL();
+    f = frame_of((const size_t[]){131, 77}, images);
+    for (f.ensemble = 1; f.ensemble <= 4; f.ensemble *= 2) {
+        f.features = 7;
+        CHECK(same(&f, images));
+        f.features = 1;
+        CHECK(same(&f, images));
+    }
+    free_images(images);
+    f = frame_of((const size_t[]){848, 688}, images);
+    f.ensemble = 2;
+    CHECK(same(&f, images));
+    f.memory = 100;
+    CHECK(same(&f, images));
+    free_images(images);
+}
+
 static void too_little_memory(void)
 {
     enum { W = 200, H = 150 };
@@ -553,6 +578,7 @@ int main(int argc, char **argv)
     RUN(odd_values);
     RUN(tiles_change_nothing);
     RUN(smaller_tiles_fit);
+    RUN(ensembles);
     RUN(too_little_memory);
     RUN(formats_and_strides);
     RUN(in_place);

@@ -39,6 +39,12 @@ def test_bytes_are_those_of_the_program(lull, frame, quality, build, tmp_path):
     assert np.array_equal(result, read_pfm(tmp_path / "out.pfm"))
 
 
+def test_ensembles_are_means_of_orientations(lull, frame, clean):
+    turned = {name: np.rot90(image).copy() for name, image in frame.items()}
+    other = np.rot90(lull.denoise(**turned, hdr=True), -1)
+    assert np.array_equal(lull.denoise(**frame, hdr=True, ensemble=2), clean / 2 + other / 2)
+
+
 def test_settings_reach_the_library(lull, frame, clean):
     ldr = {**frame, "color": frame["color"].clip(0, 1)}
     results = [clean, lull.denoise(**ldr), lull.denoise(**ldr, srgb=True),
@@ -47,7 +53,9 @@ def test_settings_reach_the_library(lull, frame, clean):
                lull.denoise(frame["color"], frame["albedo"], hdr=True),
                lull.denoise(frame["color"] * 2 - 1, filter_type="RTLightmap", directional=True),
                lull.denoise(frame["color"], filter_type="RTLightmap"),
-               lull.denoise(frame["color"], hdr=True, input_scale=9.0)]
+               lull.denoise(frame["color"], hdr=True, input_scale=9.0),
+               lull.denoise(**frame, hdr=True, ensemble=2),
+               lull.denoise(**frame, hdr=True, ensemble=4)]
     hashes = [r.tobytes() for r in results]
     same = hashes.pop(7)
     assert same == hashes[4]  # a light map is denoised as colour alone
@@ -218,6 +226,7 @@ IMAGE = np.zeros((8, 8, 3), np.float32)
     (ValueError, "'RT'", {"color": IMAGE, "filter_type": "RTLightmap", "srgb": True}),
     (ValueError, "'RTLightmap'", {"color": IMAGE, "directional": True}),
     (ValueError, "threads", {"color": IMAGE, "threads": -1}),
+    (ValueError, "ensemble: 3", {"color": IMAGE, "ensemble": 3}),
     (TypeError, "sharpen", {"color": IMAGE, "sharpen": 1}),
     (MemoryError, "MB|bytes", {"color": np.zeros((2000, 3000, 3), np.float32),
                                "weights": Path("rt_hdr_w16.tza"), "hdr": True,
