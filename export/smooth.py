@@ -2,6 +2,8 @@
 along the result, what it lacks, and some of the input."""
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from export.cells import between, between_cells, cell_sums
@@ -11,11 +13,9 @@ ONE = F(1)
 EPS = F(0.02)
 NOISE_GAIN, NOISE_EPS = F(384), F(0.06)  # noise codes per unit of relative difference
 WIDTH_PER_CODE = F(0.0026041667)  # 3 / (3 pixels * 384)
-WIDTH_MAX, WIDTH_MIN = F(0.6), F(0.001)
+WIDTH_MIN = F(0.001)
 RESULT_GAIN = F(0.5)
 GUIDE_GAIN = F(0.012288)         # of squared differences of the guide
-OFFSETS = ((-6, 0), (-2, 0), (2, 0), (6, 0), (0, -2), (0, 2))  # (x, y) of pixels averaged over
-FAR_OFFSETS = ((-12, 0), (12, 0), (0, -4), (0, 4))             # and these before a correction
 CELL = 16                        # pixels a side of what is balanced
 BALANCE_EPS = F(0.15)            # three channels of 0.05
 NOISE_SHARE = F(0.05)            # of a correction, per noise code
@@ -53,14 +53,28 @@ def _moved(v: np.ndarray, offset: tuple[int, int]) -> np.ndarray:
     return v[y[:, None], x]
 
 
+class Smoothing(NamedTuple):
+    """Which pixels are averaged over, (x, y) away, the weight of the pixel itself, and how far they
+    may differ."""
+
+    offsets: tuple[tuple[int, int], ...]
+    own: np.float32
+    widest: np.float32
+
+
+NEAR = Smoothing(((-6, 0), (-2, 0), (2, 0), (6, 0), (0, -2), (0, 2)), F(1), F(0.6))
+FAR = Smoothing((*((x, 0) for x in (-6, -2, 2, 6, -12, 12, -4, 4)),  # where a correction follows
+                 *((0, y) for y in (-2, 2, -4, 4, -6, 6, -12, 12))), F(2.5), F(0.67))
+
+
 def _summed(v: np.ndarray) -> np.ndarray:
     return (v[..., :1] + v[..., 1:2]) + v[..., 2:]
 
 
-def _width(noise: np.ndarray) -> np.ndarray:
-    """Width in units of the result, float32 in [WIDTH_MIN, WIDTH_MAX], of noise codes [H,W,1]."""
+def _width(noise: np.ndarray, widest: np.float32) -> np.ndarray:
+    """Width in units of the result, float32 in [WIDTH_MIN, widest], of noise codes [H,W,1]."""
     sums = sum(_moved(noise, (k, 0)).astype(F) for k in (-1, 0, 1))
-    return np.maximum(np.minimum(sums * WIDTH_PER_CODE, WIDTH_MAX), WIDTH_MIN)
+    return np.maximum(np.minimum(sums * WIDTH_PER_CODE, widest), WIDTH_MIN)
 
 
 def shares(v: np.ndarray, top: np.ndarray = ONE, bottom: np.ndarray = ONE) -> np.ndarray:
@@ -92,11 +106,12 @@ def smoothed(out: np.ndarray, noise: np.ndarray, guide: np.ndarray,
     """The demodulated result, averaged along surfaces whose light is even, [H,W,3].
 
     out: demodulated result >= 0, float32 [H,W,3]; noise: of noise_codes; guide: of guide_of;
-    is_far: over FAR_OFFSETS, too.
+    is_far: FAR, else NEAR.
     """
-    gain = shares(out + EPS, RESULT_GAIN, _width(noise))
-    weights, total = np.ones_like(out[..., :1]), np.zeros_like(out)
-    for k in OFFSETS + FAR_OFFSETS * is_far:
+    smoothing = FAR if is_far else NEAR
+    gain = shares(out + EPS, RESULT_GAIN, _width(noise, smoothing.widest))
+    weights, total = np.full_like(out[..., :1], smoothing.own), np.zeros_like(out)
+    for k in smoothing.offsets:
         change = _moved(out, k) - out
         apart = ((_moved(guide, k) - guide) ** 2).sum(-1, keepdims=True).astype(F)
         x = change * gain

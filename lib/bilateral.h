@@ -9,6 +9,7 @@
  *
  * bilateral: the smoothed result of pixels all of whose columns, up to LULL_BILATERAL_REACH, or
  *     LULL_BILATERAL_FAR if is_far, to either side, are there (of the noise one to either side).
+ *     First those of lull_bilateral_column count, then the rows of `beside`, in their order.
  *
  * fit_sums: adds what n pixels make of the sums of their cells to LULL_FIT_SUMS planes of sums:
  *     lull_fit_products of p(c) = v(c) smooth(c), R(c) and lull_fit_features.
@@ -55,17 +56,24 @@ typedef struct lull_smoothing {
     float *out; /* 3 planes */
     const uint8_t *noise;
     size_t out_plane;
-    lull_surface row, beside[4]; /* row y; y - 2, y + 2, y - 4, y + 4, or the nearest there is */
+    lull_surface row, beside[8]; /* row y; y -+ lull_bilateral_away, or the nearest there is */
     int is_far;                  /* 1: with the pixels farthest away, else they need not be there */
     unsigned pixels;
 } lull_smoothing;
 
-/* Columns to either side, and rows of `beside`, that a smoothing looks at. */
-LULL_INLINE int lull_bilateral_columns(int is_far)
+/* How far the columns lie away that a smoothing looks at, and how far rows 2k and 2k + 1 of
+ * `beside`, above and below; and how many of them it looks at. */
+static const int8_t lull_bilateral_column[] = {-LULL_BILATERAL_REACH, -2, 2, LULL_BILATERAL_REACH,
+                                               -LULL_BILATERAL_FAR, LULL_BILATERAL_FAR, -4, 4};
+static const uint8_t lull_bilateral_away[] = {2, 4, LULL_BILATERAL_REACH, LULL_BILATERAL_FAR};
+LULL_INLINE unsigned lull_bilateral_columns(int is_far) { return is_far ? 8 : 4; }
+LULL_INLINE unsigned lull_bilateral_rows(int is_far) { return is_far ? 8 : 2; }
+
+/* Columns to either side. */
+LULL_INLINE int lull_bilateral_reach(int is_far)
 {
     return is_far ? LULL_BILATERAL_FAR : LULL_BILATERAL_REACH;
 }
-LULL_INLINE unsigned lull_bilateral_rows(int is_far) { return is_far ? 4 : 2; }
 
 /* Pixels of a row of the smoothed result, their divisor and filtered normal, 3 planes each, and the
  * sums of their cells, as columns, or their coefficients. */

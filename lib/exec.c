@@ -134,7 +134,7 @@ static int is_short(const lull_task *t)
     static const uint16_t cost_of[] = {[LULL_READS_ROW] = 1,
                                        [LULL_READS_3] = FIT_COST,
                                        [LULL_READS_5] = MEAN_COST,
-                                       [LULL_READS_9] = 1,
+                                       [LULL_READS_25] = 1,
                                        [LULL_READS_6] = FIT_COST,
                                        [LULL_READS_FINE] = 1,
                                        [LULL_READS_CELL] = LULL_CELL * LULL_CELL,

@@ -360,7 +360,8 @@ static void make_bilateral(const lull_task *t, unsigned x, unsigned y, unsigned 
     s.noise = lull_exec_noise(plan, layer->source[0], y, x);
     s.row = get_surface(plan, layer, x, y);
     s.is_far = lull_graph_is_far(layer);
-    for (unsigned k = 0, away = 2; k < lull_bilateral_rows(s.is_far); k += 2, away += 2) {
+    for (unsigned k = 0; k < lull_bilateral_rows(s.is_far); k += 2) {
+        unsigned away = lull_bilateral_away[k / 2];
         s.beside[k] = get_surface(plan, layer, x, y < away ? 0 : y - away);
         s.beside[k + 1] = get_surface(plan, layer, x, lull_min_u(y + away, last));
     }

@@ -84,7 +84,7 @@ void lull_filter_bilateral(const lull_kernels *kernels, const lull_smoothing *sm
                            int last, unsigned n)
 {
     /* pixels whose columns are all there: from `begin` on, before `end` */
-    int all = (int)n, i, reach = lull_bilateral_columns(smoothing->is_far);
+    int all = (int)n, i, reach = lull_bilateral_reach(smoothing->is_far);
     int begin = first + reach < 0 ? 0 : first + reach > all ? all : first + reach;
     int end = last + 1 - reach > all ? all : last + 1 - reach;
     lull_smoothing inside;

@@ -353,7 +353,7 @@ static lull_status add_filters(lull_graph *graph, int steps)
     static const lull_reads pool[] = {LULL_READS_FINE, LULL_READS_ROW};
     static const lull_reads blend[] = {LULL_READS_ROW, LULL_READS_COARSE};
     static const lull_reads near[] = {LULL_READS_5, LULL_READS_5};
-    static const lull_reads far[] = {LULL_READS_9, LULL_READS_9};
+    static const lull_reads far[] = {LULL_READS_25, LULL_READS_25};
     static const lull_reads cell[] = {LULL_READS_CELL, LULL_READS_CELL};
     static const lull_reads fit_sums[] = {LULL_READS_8, LULL_READS_8, LULL_READS_8, LULL_READS_8};
     static const lull_reads fit[] = {LULL_READS_3};
@@ -433,7 +433,7 @@ static void choose_forms(lull_graph *graph)
 static unsigned reach(const lull_graph *graph, int is_exact)
 {
     static const uint8_t radius[] = {
-        0, 1, 2, 4, LULL_CELLS_BESIDE, 1, 0, 0, LULL_GAIN_REACH, 0, LULL_FIT_REACH};
+        0, 1, 2, LULL_BILATERAL_FAR, LULL_CELLS_BESIDE, 1, 0, 0, LULL_GAIN_REACH, 0, LULL_FIT_REACH};
     unsigned field = 0, noise = 0, align = 1u << graph->levels;
     for (unsigned i = 0; i < graph->layers; i++) {
         const lull_layer *layer = &graph->layer[i];
@@ -444,7 +444,7 @@ static unsigned reach(const lull_graph *graph, int is_exact)
         if (is_exact && layer->is_winograd)
             most = LULL_WINOGRAD_COLUMNS;
         if (layer->op == LULL_OP_BILATERAL)
-            most = (unsigned)lull_bilateral_columns(lull_graph_is_far(layer));
+            most = (unsigned)lull_bilateral_reach(lull_graph_is_far(layer));
         field += most << layer->level;
         if (layer->op == LULL_OP_FILTER && layer->level == 0)
             noise = field + LULL_MIX_REACH;

@@ -69,7 +69,7 @@ typedef enum lull_reads {
     LULL_READS_ROW,    /* y */
     LULL_READS_3,      /* y-1 .. y+1 */
     LULL_READS_5,      /* y-2 .. y+2 */
-    LULL_READS_9,      /* y-4 .. y+4 */
+    LULL_READS_25,     /* y-12 .. y+12 */
     LULL_READS_6,      /* y-4 .. y+1 */
     LULL_READS_COARSE, /* of half the resolution: (y+1)/2 - 1 and (y+1)/2 */
     LULL_READS_FINE,   /* of twice the resolution: 2y, 2y+1 */

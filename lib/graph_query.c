@@ -16,7 +16,7 @@ int lull_graph_is_local(const lull_graph *graph, unsigned tensor)
     return layer->op == LULL_OP_HEAD && layer->level == 0;
 }
 
-int lull_graph_is_far(const lull_layer *layer) { return layer->reads[0] == LULL_READS_9; }
+int lull_graph_is_far(const lull_layer *layer) { return layer->reads[0] == LULL_READS_25; }
 
 int lull_graph_has_noise(const lull_graph *graph, unsigned tensor)
 {

@@ -137,18 +137,21 @@ LULL_INLINE uint8_t lull_noise_code(const float *v, const float *f)
 /* ---- Smoothing along the result -------------------------------------------------------------- */
 
 #define LULL_BILATERAL_REACH 6 /* columns to either side */
-#define LULL_BILATERAL_FAR 12
+#define LULL_BILATERAL_FAR 12  /* columns and rows, where the pixels farthest away count */
 #define LULL_NOISE_WIDTH 0.0026041667f /* of weights, per noise code of three pixels */
-#define LULL_WIDEST 0.6f
 #define LULL_NARROWEST 0.001f
 #define LULL_GUIDE_SCALE 0.012288f /* of squared differences of codes */
 
+/* The most that a width can be, and the weight of a pixel itself. */
+LULL_INLINE float lull_smoothing_widest(int is_far) { return is_far ? 0.67f : 0.6f; }
+LULL_INLINE float lull_smoothing_own(int is_far) { return is_far ? 2.5f : 1.0f; }
+
 /* What differences of the channels of v count where the noise codes of three pixels sum to
  * `noise`. */
-LULL_INLINE void lull_smoothing_factors(float *g, const float *v, int noise)
+LULL_INLINE void lull_smoothing_factors(float *g, const float *v, int noise, int is_far)
 {
-    float width = (float)noise * LULL_NOISE_WIDTH;
-    width = width < LULL_WIDEST ? width : LULL_WIDEST;
+    float width = (float)noise * LULL_NOISE_WIDTH, widest = lull_smoothing_widest(is_far);
+    width = width < widest ? width : widest;
     for (int c = 0; c < 3; c++)
         g[c] = v[c] + LULL_FILTER_EPSILON;
     lull_shares(g, 0.5f, width > LULL_NARROWEST ? width : LULL_NARROWEST);

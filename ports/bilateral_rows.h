@@ -107,7 +107,7 @@ LULL_INLINE void bilateral_block(const lull_smoothing *s, size_t p, unsigned n,
     float *out = s->out + p;
     vec width = add(add(bytes(noise - 1, n), bytes(noise, n)), bytes(noise + 1, n)), v[3], share;
     weighing to;
-    width = low(mul(width, set(LULL_NOISE_WIDTH)), set(LULL_WIDEST));
+    width = low(mul(width, set(LULL_NOISE_WIDTH)), set(lull_smoothing_widest(s->is_far)));
     to.r = plane_at(s->row.v, plane, 0, p, n);
     to.g = plane_at(s->row.v, plane, 1, p, n);
     to.b = plane_at(s->row.v, plane, 2, p, n);
@@ -118,19 +118,11 @@ LULL_INLINE void bilateral_block(const lull_smoothing *s, size_t p, unsigned n,
     to.width_r = v[0], to.width_g = v[1], to.width_b = v[2];
     to.guide = pairs(s->row.guide + 2 * p, n);
     to.sum_r = to.sum_g = to.sum_b = set(0.0f);
-    to.weights = set(1.0f);
-    look(&to, &s->row, p - LULL_BILATERAL_REACH, n);
-    look(&to, &s->row, p - 2, n);
-    look(&to, &s->row, p + 2, n);
-    look(&to, &s->row, p + LULL_BILATERAL_REACH, n);
-    look(&to, &s->beside[0], p, n);
-    look(&to, &s->beside[1], p, n);
-    if (s->is_far) {
-        look(&to, &s->row, p - LULL_BILATERAL_FAR, n);
-        look(&to, &s->row, p + LULL_BILATERAL_FAR, n);
-        look(&to, &s->beside[2], p, n);
-        look(&to, &s->beside[3], p, n);
-    }
+    to.weights = set(lull_smoothing_own(s->is_far));
+    for (unsigned k = 0; k < lull_bilateral_columns(s->is_far); k++)
+        look(&to, &s->row, p + (size_t)(ptrdiff_t)lull_bilateral_column[k], n);
+    for (unsigned k = 0; k < lull_bilateral_rows(s->is_far); k++)
+        look(&to, &s->beside[k], p, n);
     share = quotient(set(1.0f), to.weights);
     store_n(out, add(to.r, mul(to.sum_r, share)), n);
     store_n(out + s->out_plane, add(to.g, mul(to.sum_g, share)), n);

@@ -15,12 +15,12 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from export.kernel import LAST_STEPS
-from export.smooth import (ABOVE, BALANCE_EPS, BESIDE, CALM, CALM_ALONE, CALM_SPARKS, CELL,
-                           FAR_OFFSETS, FAR_SPARKS_SQUARED, GUIDE_GAIN, LEAST_NOISE, LESS_OF_CODES,
-                           MORE_CALM, MORE_SHARE, MOST_GAIN, MOST_LACKING, MOST_SHARE, NOISE_EPS,
-                           NOISE_GAIN, NOISE_SHARE, NOISY, OFFSETS, RESULT_GAIN, RUN, RUNS_BESIDE,
+from export.smooth import (ABOVE, BALANCE_EPS, BESIDE, CALM, CALM_ALONE, CALM_SPARKS, CELL, FAR,
+                           FAR_SPARKS_SQUARED, GUIDE_GAIN, LEAST_NOISE, LESS_OF_CODES, MORE_CALM,
+                           MORE_SHARE, MOST_GAIN, MOST_LACKING, MOST_SHARE, NEAR, NOISE_EPS,
+                           NOISE_GAIN, NOISE_SHARE, NOISY, RESULT_GAIN, RUN, RUNS_BESIDE,
                            SHARE_PER_CODE, SHARE_PER_CODE_ALONE, SPARK, SPARKS_LEAST,
-                           SPARKS_SQUARED, SPARK_CODES, WIDTH_MAX, WIDTH_MIN, WIDTH_PER_CODE)
+                           SPARKS_SQUARED, SPARK_CODES, WIDTH_MIN, WIDTH_PER_CODE)
 from training import fused, regression
 from training.calm import calm_share
 from training.cells import between, cell_means
@@ -217,14 +217,14 @@ def guide_of(codes: Tensor) -> Tensor:
 
 def smoothed(out: Tensor, noise: Tensor, guide: Tensor, is_far: bool) -> Tensor:
     """export.smooth.smoothed of tensors [N,3,H,W]."""
-    offsets = (*OFFSETS, *FAR_OFFSETS * is_far)
+    offsets, own, widest = FAR if is_far else NEAR
     if on_gpu(out):
-        constants = WIDTH_PER_CODE, WIDTH_MIN, WIDTH_MAX, RESULT_GAIN, GUIDE_GAIN, EPS
+        constants = WIDTH_PER_CODE, WIDTH_MIN, widest, RESULT_GAIN, GUIDE_GAIN, EPS, own
         return gpu_kernels().Smoothed.apply(out, noise, guide, offsets, *map(float, constants))
     width = sum(moved(noise, [(-1, 0), (0, 0), (1, 0)])) * float(WIDTH_PER_CODE)
-    width = width.clamp(float(WIDTH_MIN), float(WIDTH_MAX))
+    width = width.clamp(float(WIDTH_MIN), float(widest))
     gain = (float(RESULT_GAIN) / width) / (out + EPS)
-    weights, total = torch.ones_like(out[:, :1]), torch.zeros_like(out)
+    weights, total = torch.full_like(out[:, :1], float(own)), torch.zeros_like(out)
     for there, guided in zip(moved(out, offsets), moved(guide, offsets)):
         change = there - out
         apart = (guided - guide).square().sum(1, keepdim=True)

@@ -168,7 +168,7 @@ def change(v, guide, at, inside, plane, v0, v1, v2, a, b, n0, n1, n2, guide_gain
 
 @triton.jit
 def smooth_forward(v, guide, noise, out, offsets, height, width, per_code, narrowest, widest,
-                   result_gain, guide_gain, eps, count: tl.constexpr, block: tl.constexpr):
+                   result_gain, guide_gain, eps, own, count: tl.constexpr, block: tl.constexpr):
     image = tl.program_id(1).to(tl.int64)
     p = tl.program_id(0) * block + tl.arange(0, block)
     y, x = p // width, p % width
@@ -177,7 +177,7 @@ def smooth_forward(v, guide, noise, out, offsets, height, width, per_code, narro
                             guide + image * 2 * plane, noise + image * plane)
     v0, v1, v2, a, b, n0, n1, n2 = shared(v, guide, noise, p, y, x, inside, height, width,
                                           per_code, narrowest, widest, result_gain, eps)
-    weights = tl.zeros([block], tl.float32) + 1.0
+    weights = tl.zeros([block], tl.float32) + own
     t0 = tl.zeros([block], tl.float32)
     t1, t2 = t0, t0
     for k in range(count):
@@ -196,7 +196,8 @@ def smooth_forward(v, guide, noise, out, offsets, height, width, per_code, narro
 
 @triton.jit
 def smooth_backward(v, guide, noise, out, offsets, height, width, per_code, narrowest, widest,
-                    result_gain, guide_gain, eps, g, dv, count: tl.constexpr, block: tl.constexpr):
+                    result_gain, guide_gain, eps, own, g, dv, count: tl.constexpr,
+                    block: tl.constexpr):
     image = tl.program_id(1).to(tl.int64)
     p = tl.program_id(0) * block + tl.arange(0, block)
     y, x = p // width, p % width
@@ -206,7 +207,7 @@ def smooth_backward(v, guide, noise, out, offsets, height, width, per_code, narr
     guide, noise = guide + image * 2 * plane, noise + image * plane
     v0, v1, v2, a, b, n0, n1, n2 = shared(v, guide, noise, p, y, x, inside, height, width,
                                           per_code, narrowest, widest, result_gain, eps)
-    weights = tl.zeros([block], tl.float32) + 1.0
+    weights = tl.zeros([block], tl.float32) + own
     for k in range(count):
         at = neighbour(offsets, k, y, x, height, width)
         c0, c1, c2, left = change(v, guide, at, inside, plane, v0, v1, v2, a, b, n0, n1, n2,
@@ -249,7 +250,8 @@ def offsets_on(device: torch.device, offsets: tuple[tuple[int, int], ...]) -> Te
 
 class Smoothed(torch.autograd.Function):
     """kernel_filter.smoothed: v [N,3,H,W], noise [N,1,H,W], guide [N,2,H,W], all in fp32; its
-    constants are offsets, and WIDTH_PER_CODE, WIDTH_MIN, WIDTH_MAX, RESULT_GAIN, GUIDE_GAIN, EPS.
+    constants are offsets, and WIDTH_PER_CODE, WIDTH_MIN, the widest, RESULT_GAIN, GUIDE_GAIN, EPS
+    and the pixel's own weight.
     """
 
     @staticmethod

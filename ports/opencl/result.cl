@@ -9,26 +9,29 @@ static int noise_at(__global uchar *memory, const lull_cl_filter *a, int x, int 
     return *bytes_at(memory, a->source[2], clamp_to(x, a->inside_width), y);
 }
 
-/* Where the pixels are that the smoothing looks at, in its order; the last four are far. */
-__constant char away_x[] = {-LULL_BILATERAL_REACH, -2, 2, LULL_BILATERAL_REACH, 0, 0,
-                            -LULL_BILATERAL_FAR, LULL_BILATERAL_FAR, 0, 0};
-__constant char away_y[] = {0, 0, 0, 0, -2, 2, 0, 0, -4, 4};
+/* How far the pixels lie away that the smoothing looks at, in columns, then in rows, in its order;
+ * the first four and two of them are near. */
+__constant char away_x[] = {-LULL_BILATERAL_REACH, -2, 2, LULL_BILATERAL_REACH,
+                            -LULL_BILATERAL_FAR, LULL_BILATERAL_FAR, -4, 4};
+__constant char away_y[] = {-2, 2, -4, 4, -LULL_BILATERAL_REACH, LULL_BILATERAL_REACH,
+                            -LULL_BILATERAL_FAR, LULL_BILATERAL_FAR};
 
 /* out: smoothed result; sources: result, guide, noise. */
 KERNEL_OF_PIXELS bilateral(__global uchar *memory, __global const uchar *model, lull_cl_filter a)
 {
     int x = get_global_id(0), y = get_global_id(1);
-    float v[3], g[3], sum[3] = {0.0f, 0.0f, 0.0f}, weights = 1.0f;
+    int is_far = (a.flags & LULL_CL_FAR) != 0, columns = is_far ? 8 : 4, rows = is_far ? 8 : 2;
+    float v[3], g[3], sum[3] = {0.0f, 0.0f, 0.0f}, weights = lull_smoothing_own(is_far);
     uchar2 here;
     if (x >= a.inside_width || y >= a.inside_height)
         return;
     get3(v, *floats_at(memory, a.source[0], x, y));
     here = *(__global const uchar2 *)bytes_at(memory, a.source[1], x, y);
     lull_smoothing_factors(g, v, noise_at(memory, &a, x - 1, y) + noise_at(memory, &a, x, y) +
-                                     noise_at(memory, &a, x + 1, y));
-    for (int k = 0; k < (a.flags & LULL_CL_FAR ? 10 : 6); k++) {
-        int other_x = clamp_to(x + away_x[k], a.inside_width);
-        int other_y = clamp_to(y + away_y[k], a.inside_height);
+                                     noise_at(memory, &a, x + 1, y), is_far);
+    for (int k = 0; k < columns + rows; k++) {
+        int other_x = clamp_to(k < columns ? x + away_x[k] : x, a.inside_width);
+        int other_y = clamp_to(k < columns ? y : y + away_y[k - columns], a.inside_height);
         uchar2 there = *(__global const uchar2 *)bytes_at(memory, a.source[1], other_x, other_y);
         float change[3], w;
         get3(change, *floats_at(memory, a.source[0], other_x, other_y));

@@ -175,20 +175,21 @@ static float weight_of(const lull_surface *row, ptrdiff_t i, const lull_surface 
 
 void lull_bilateral_scalar(const lull_smoothing *s)
 {
-    static const int8_t columns[] = {-LULL_BILATERAL_REACH, -2, 2, LULL_BILATERAL_REACH, 0, 0,
-                                     -LULL_BILATERAL_FAR, LULL_BILATERAL_FAR, 0, 0};
-    const lull_surface *const row = &s->row, *const beside = s->beside;
-    const lull_surface *const rows[] = {row,         row, row, row,        beside,
-                                        beside + 1,  row, row, beside + 2, beside + 3};
+    const unsigned columns = lull_bilateral_columns(s->is_far);
+    const unsigned all = columns + lull_bilateral_rows(s->is_far);
+    const lull_surface *const row = &s->row;
     for (ptrdiff_t i = 0; i < (ptrdiff_t)s->pixels; i++) {
         const uint8_t *noise = s->noise + i;
         const float *v = row->v + i;
-        float here[3], g[3], change[3], sum[3] = {0.0f, 0.0f, 0.0f}, weights = 1.0f;
+        float here[3], g[3], change[3], sum[3] = {0.0f, 0.0f, 0.0f};
+        float weights = lull_smoothing_own(s->is_far);
         for (size_t c = 0; c < 3; c++)
             here[c] = v[c * row->plane];
-        lull_smoothing_factors(g, here, noise[-1] + noise[0] + noise[1]);
-        for (unsigned k = 0; k < (s->is_far ? 10u : 6u); k++) {
-            float w = weight_of(row, i, rows[k], i + columns[k], g, change);
+        lull_smoothing_factors(g, here, noise[-1] + noise[0] + noise[1], s->is_far);
+        for (unsigned k = 0; k < all; k++) {
+            float w = k < columns
+                          ? weight_of(row, i, row, i + lull_bilateral_column[k], g, change)
+                          : weight_of(row, i, &s->beside[k - columns], i, g, change);
             weights += w;
             for (unsigned c = 0; c < 3; c++)
                 sum[c] += w * change[c];

@@ -32,16 +32,18 @@ static void noise_cases(void)
         noise_case(pixels);
 }
 
+/* Surfaces that a smoothing reads, values and guides; places for them are the first there are. */
+enum { SURFACES = 9 };
+typedef char surfaces_have_room[2 * SURFACES <= GUARD_ROOM ? 1 : -1];
+
 /* Row r (0: the row itself) of a surface, with `side` pixels on both sides. `even`: how much values
  * differ. */
 static void make_surface(lull_surface *to, unsigned r, unsigned pixels, unsigned side, float even,
                          int at_end)
 {
-    static const unsigned guide_places[] = {GUARD_ROW + 5, GUARD_BIAS, GUARD_MULTIPLIER,
-                                            GUARD_START, GUARD_ROOM};
     unsigned n = pixels + 2 * side;
     size_t plane = n + GAP;
-    uint8_t *guide = guard_place(guide_places[r], 2 * (size_t)n, at_end);
+    uint8_t *guide = guard_place(SURFACES + r, 2 * (size_t)n, at_end);
     to->v = side + make_floats(GUARD_ROW + r, 2 * plane + n, 1.0f - even, 1.0f, at_end);
     for (size_t i = 0; i < 2 * (size_t)n; i++) /* sometimes the largest differences there can be */
         guide[i] = (uint8_t)(guard_below(2 * n) ? 59 + guard_below(1 + (unsigned)(40 * even))
@@ -55,12 +57,12 @@ static void bilateral_case(unsigned pixels, float even)
     int at_end = guard_below(2) != 0;
     size_t plane, bytes;
     float *out = place_planes(3, pixels, &plane, &bytes, at_end);
-    uint8_t *noise = guard_place(GUARD_WEIGHTS, pixels + 2, at_end);
+    uint8_t *noise = guard_place(GUARD_ROOM, pixels + 2, at_end);
     lull_smoothing s = {out, noise + 1, plane, {0}, {{0}}, 0, pixels};
     s.is_far = guard_below(2) != 0;
     for (unsigned i = 0; i < pixels + 2; i++)
         noise[i] = (uint8_t)guard_below(guard_below(2) ? 8 : 256);
-    make_surface(&s.row, 0, pixels, (unsigned)lull_bilateral_columns(s.is_far), even, at_end);
+    make_surface(&s.row, 0, pixels, (unsigned)lull_bilateral_reach(s.is_far), even, at_end);
     for (unsigned r = 0; r < lull_bilateral_rows(s.is_far); r++)
         make_surface(&s.beside[r], 1 + r, pixels, 0, even, at_end);
     if (guard_below(2)) /* as at the upper edge of an image */

@@ -303,13 +303,13 @@ for (n, h, w), whole, kind in (((2, 9, 13), True, fp32), ((1, 16, 16), False, fp
                            (1e-6, 1e-6 if kind == fp32 else 2**-7, 1e-6)):
         assert a.dtype == b.dtype and (a - b).abs().max() <= share * b.abs().max()
 k = kernel_filter
-constants = k.WIDTH_PER_CODE, k.WIDTH_MIN, k.WIDTH_MAX, k.RESULT_GAIN, k.GUIDE_GAIN, k.EPS
 for n, h, w, is_far in ((2, 9, 13, True), (1, 32, 40, False), (2, 5, 40, True)):
     v = (torch.rand(n, 1, h, w) * 2 + torch.rand(n, 3, h, w) * 0.05).requires_grad_()
     noise, guide = (torch.randint(0, top, (n, c, h, w)).float() for top, c in ((255, 1), (3, 2)))
     g = torch.randn(n, 3, h, w)
-    ours = Smoothed.apply(v, noise, guide, (*k.OFFSETS, *k.FAR_OFFSETS * is_far),
-                          *map(float, constants))
+    offsets, own, widest = k.FAR if is_far else k.NEAR
+    constants = k.WIDTH_PER_CODE, k.WIDTH_MIN, widest, k.RESULT_GAIN, k.GUIDE_GAIN, k.EPS, own
+    ours = Smoothed.apply(v, noise, guide, offsets, *map(float, constants))
     theirs = k.smoothed(v, noise, guide, is_far)
     assert (theirs - v).abs().mean() > 0.02
     gradients = [torch.autograd.grad((x * g).sum(), v)[0] for x in (ours, theirs)]

@@ -67,11 +67,14 @@ def test_smoothing_is_its_definition(is_far):
     codes = 384 * np.abs(first - out).sum(-1) / (out.sum(-1) + 0.06)
     codes = np.minimum(np.floor(codes + 0.5), 255)
     expected = np.empty_like(out)
+    far = 2, 4, 6, 12
+    columns = [(s * k, 0) for k in (far if is_far else (2, 6)) for s in (-1, 1)]
+    rows = [(0, s * k) for k in (far if is_far else (2,)) for s in (-1, 1)]
     for y, x in np.ndindex(7, 18):
         v = sum(codes[y, min(max(x + k, 0), 17)] for k in (-1, 0, 1)) / 384
-        gain = 0.5 / min(max(v, 0.001), 0.6) / (out[y, x] + 0.02)
-        weights, total = 1.0, np.zeros(3)
-        for dx, dy in last.OFFSETS + last.FAR_OFFSETS * is_far:
+        gain = 0.5 / min(max(v, 0.001), 0.67 if is_far else 0.6) / (out[y, x] + 0.02)
+        weights, total = 2.5 if is_far else 1.0, np.zeros(3)
+        for dx, dy in columns + rows:
             q = min(max(y + dy, 0), 6), min(max(x + dx, 0), 17)
             change, d = out[q] - out[y, x], guide[q] - guide[y, x]
             t = ((change * gain)**2).sum() + 0.012288 * (d**2).sum()
