@@ -26,29 +26,13 @@ from typing import Any
 
 import numpy as np
 
+from .library import Monitor, load_library
+
 __all__ = ["Cancelled", "Denoiser", "Error", "denoise", "load_library"]
 
 QUALITIES = {"default": 0, "fast": 4, "balanced": 5, "high": 6, "auto": 100}
 FORMATS = {np.dtype(np.float32): 0, np.dtype(np.float16): 256}  # and the number of channels
-FILE = {"darwin": "libOpenImageDenoise.2.dylib", "win32": "OpenImageDenoise.dll"}.get(
-    sys.platform, "libOpenImageDenoise.so.2")
-
 Progress = Callable[[float], Any]
-_Monitor = ctypes.CFUNCTYPE(ctypes.c_bool, ctypes.c_void_p, ctypes.c_double)
-_p, _s, _n, _i = ctypes.c_void_p, ctypes.c_char_p, ctypes.c_size_t, ctypes.c_int
-_PROTOTYPES = {  # of oidn.h: result, arguments
-    "oidnNewDevice": (_p, _i), "oidnCommitDevice": (None, _p), "oidnReleaseDevice": (None, _p),
-    "oidnSetDeviceInt": (None, _p, _s, _i),
-    "oidnGetDeviceError": (_i, _p, ctypes.POINTER(_s)),
-    "oidnNewFilter": (_p, _p, _s), "oidnReleaseFilter": (None, _p),
-    "oidnSetSharedFilterImage": (None, _p, _s, _p, _i, _n, _n, _n, _n, _n),
-    "oidnUnsetFilterImage": (None, _p, _s),
-    "oidnSetSharedFilterData": (None, _p, _s, _p, _n),
-    "oidnSetFilterBool": (None, _p, _s, ctypes.c_bool), "oidnSetFilterInt": (None, _p, _s, _i),
-    "oidnSetFilterFloat": (None, _p, _s, ctypes.c_float), "oidnGetFilterInt": (_i, _p, _s),
-    "oidnSetFilterProgressMonitorFunction": (None, _p, _Monitor, _p),
-    "oidnCommitFilter": (None, _p), "oidnExecuteFilter": (None, _p),
-}
 
 
 class Error(RuntimeError):
@@ -58,35 +42,6 @@ class Error(RuntimeError):
 
 class Cancelled(Error):
     """A progress function returned False."""
-
-
-def _places() -> list[Path]:
-    named = os.environ.get("LULL_LIBRARY")
-    here = Path(__file__).resolve().parent
-    return [Path(named)] if named else [here / FILE, here.parent.parent / "build" / "lib" / FILE]
-
-
-_loaded: ctypes.CDLL | None = None
-_lock = threading.Lock()
-
-
-def load_library() -> ctypes.CDLL:
-    """The library, loaded at the first call. Raises ImportError if there is none."""
-    global _loaded
-    with _lock:
-        if _loaded is None:
-            found = [p for p in _places() if p.exists()]
-            if not found:
-                raise ImportError("lull: no library: none of " + ", ".join(map(str, _places())))
-            try:
-                lib = ctypes.CDLL(str(found[0]))
-                for name, (result, *arguments) in _PROTOTYPES.items():
-                    function = getattr(lib, name)
-                    function.restype, function.argtypes = result, arguments
-            except (OSError, AttributeError) as err:
-                raise ImportError(f"lull: {found[0]}: {err}") from None
-            _loaded = lib
-    return _loaded
 
 
 def _is_tensor(image: Any) -> bool:
@@ -313,7 +268,7 @@ class Denoiser:
                     flt, name.encode(), image.ctypes.data,
                     FORMATS[image.dtype] + min(channels, 3), width, height, 0,
                     image.strides[1] if width > 1 else 0, image.strides[0] if height > 1 else 0)
-            call = _Monitor(monitor) if progress else _Monitor()
+            call = Monitor(monitor) if progress else Monitor()
             lib.oidnSetFilterProgressMonitorFunction(flt, call, None)
             self._check()
             lib.oidnCommitFilter(flt)
@@ -328,6 +283,7 @@ class Denoiser:
 
 
 _cached: tuple[tuple, Denoiser] | None = None
+_lock = threading.Lock()
 
 
 def denoise(color: Any = None, albedo: Any = None, normal: Any = None, *, out: Any = None,
