@@ -20,7 +20,8 @@ import ctypes
 import os
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -101,7 +102,7 @@ class Denoiser:
     that cannot be, Error if the device cannot be had.
     """
 
-    _device = _filter = _pid = None
+    _device = _filter = _pid = _inside = None  # _inside: thread of a running progress function
 
     def __init__(self, *, quality: str = "high", hdr: bool = False, srgb: bool = False,
                  clean_aux: bool = False, filter_type: str = "RT", directional: bool = False,
@@ -207,16 +208,18 @@ class Denoiser:
     @property
     def used_quality(self) -> str:
         """Which quality the last frame was denoised with: of interest with "auto"."""
-        with self._lock:
-            used = self._lib.oidnGetFilterInt(self._own(), b"usedQuality")
+        with self._turn():
+            used = self._lib.oidnGetFilterInt(self._filter, b"usedQuality")
             self._check()
         return next(name for name, value in QUALITIES.items() if value == used)
 
     def close(self) -> None:
         """Gives threads and memory back; further calls are an Error. Also at the end of `with`."""
-        device, self._device = self._device, None
-        flt, self._filter = self._filter, None
-        if os.getpid() == self._pid:  # threads did not come through a fork
+        if not self._device or os.getpid() != self._pid:  # threads did not come through a fork
+            return
+        with self._turn(closed=True):
+            device, self._device = self._device, None
+            flt, self._filter = self._filter, None
             if flt:
                 self._lib.oidnReleaseFilter(flt)
             if device:
@@ -231,12 +234,18 @@ class Denoiser:
     def __del__(self) -> None:
         self.close()
 
-    def _own(self) -> int:
-        if not self._filter:
-            raise Error("the denoiser is closed")
+    @contextmanager
+    def _turn(self, closed: bool = False) -> Iterator[None]:
+        """The lock. Raises Error where waiting for it would not end, and, unless `closed`, if there
+        is no filter any more."""
         if os.getpid() != self._pid:
             raise Error("the denoiser is of the parent process; make one after the fork")
-        return self._filter
+        if self._inside == threading.get_ident():
+            raise Error("a progress function cannot use the denoiser that called it")
+        with self._lock:
+            if not self._filter and not closed:
+                raise Error("the denoiser is closed")
+            yield
 
     def _check(self) -> None:
         """Raises what the library says of the calls since the last check."""
@@ -251,14 +260,17 @@ class Denoiser:
         raised: list[BaseException] = []
 
         def monitor(_: int, part: float) -> bool:
+            self._inside = threading.get_ident()
             try:
                 return progress(part) is not False
             except BaseException as err:  # also KeyboardInterrupt: nothing may leave a callback
                 raised.append(err)
                 return False
+            finally:
+                self._inside = None
 
-        with self._lock:
-            lib, flt = self._lib, self._own()
+        with self._turn():
+            lib, flt = self._lib, self._filter
             for name in self._had - set(images):
                 lib.oidnUnsetFilterImage(flt, name.encode())
             self._had = set(images)

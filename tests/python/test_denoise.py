@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 import threading
+import time
 from pathlib import Path
 
 import numpy as np
@@ -270,6 +271,41 @@ def test_threads_share_a_denoiser(lull, frame, clean):
         for worker in workers:
             worker.join()
     assert not wrong
+
+
+def test_progress_functions_do_not_wait_for_their_own_denoiser(lull, frame, clean):
+    with lull.Denoiser(hdr=True) as denoiser, lull.Denoiser(hdr=True) as other:
+        for use in (lambda: denoiser.used_quality, denoiser.close, lambda: denoiser(**frame)):
+            with pytest.raises(lull.Error, match="progress function"):
+                denoiser(**frame, progress=lambda part, use=use: use())
+        assert np.array_equal(denoiser(**frame, progress=lambda part: other(**frame)), clean)
+
+
+def test_closing_waits_for_calls(lull, frame, clean):
+    results: list[object] = []
+
+    def work(denoiser):
+        try:
+            while True:
+                results.append(denoiser(**frame))
+        except Exception as err:  # also of the thread
+            results.append(err)
+
+    for _ in range(5):
+        denoiser = lull.Denoiser(hdr=True)
+        workers = [threading.Thread(target=work, args=(denoiser,), daemon=True) for _ in range(2)]
+        for worker in workers:
+            worker.start()
+        while not results:
+            time.sleep(0.001)
+        denoiser.close()
+        for worker in workers:
+            worker.join(60)
+            assert not worker.is_alive()
+        errors = [r for r in results if isinstance(r, Exception)]
+        assert [str(e) for e in errors] == ["the denoiser is closed"] * 2
+        assert all(np.array_equal(r, clean) for r in results if isinstance(r, np.ndarray))
+        results.clear()
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="optional: no fork here")
