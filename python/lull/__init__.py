@@ -234,6 +234,9 @@ class Denoiser:
     def __del__(self) -> None:
         self.close()
 
+    def __reduce__(self) -> Any:
+        raise TypeError("a Denoiser can be neither copied nor pickled; make another one")
+
     @contextmanager
     def _turn(self, closed: bool = False) -> Iterator[None]:
         """The lock. Raises Error where waiting for it would not end, and, unless `closed`, if there

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 import gc
 import os
+import pickle
 import subprocess
 import sys
 import threading
@@ -306,6 +308,12 @@ def test_closing_waits_for_calls(lull, frame, clean):
         assert [str(e) for e in errors] == ["the denoiser is closed"] * 2
         assert all(np.array_equal(r, clean) for r in results if isinstance(r, np.ndarray))
         results.clear()
+
+
+@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, pickle.dumps])
+def test_denoisers_cannot_be_copied(lull, copied):
+    with lull.Denoiser() as denoiser, pytest.raises(TypeError, match="Denoiser"):
+        copied(denoiser)
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="optional: no fork here")
