@@ -292,9 +292,10 @@ class Denoiser:
             try:
                 self._check()
             except Cancelled:
-                if raised:
-                    raise raised[0] from None
-                raise
+                if not raised:
+                    raise
+            if raised:  # perhaps when all was done, too late to cancel
+                raise raised[0]
 
 
 _cached: tuple[tuple, Denoiser] | None = None

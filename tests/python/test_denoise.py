@@ -316,6 +316,11 @@ def test_denoisers_cannot_be_copied(lull, copied):
         copied(denoiser)
 
 
+def test_what_a_progress_function_raises_when_all_is_done_is_raised(lull, frame):
+    with pytest.raises(ZeroDivisionError):
+        lull.denoise(**frame, hdr=True, progress=lambda part: 1 / (1 - part))
+
+
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="optional: no fork here")
 def test_children_of_a_fork(library, root):
     """In a process of its own, whose threads are lull's alone."""
