@@ -85,8 +85,8 @@ def _as_it_lies(image: np.ndarray) -> bool:
 class Denoiser:
     """A filter with its settings, device and threads, to be called for one frame after another.
 
-    quality      "high", "balanced", "fast", "default" (high) or "auto": the least that the frame
-                 needs
+    quality      "high", "balanced", "fast", "default" (high), their numbers in oidn.h, or "auto":
+                 the least that the frame needs
     hdr          the colour is linear and unbounded; else in [0, 1]
     srgb         the colour (not hdr) is sRGB-encoded; else linear
     clean_aux    albedo and normals have no noise
@@ -111,7 +111,7 @@ class Denoiser:
                  max_memory_mb: int | None = None, ensemble: int = 1):
         if filter_type not in ("RT", "RTLightmap"):
             raise ValueError(f"filter_type: {filter_type!r} is neither 'RT' nor 'RTLightmap'")
-        if quality not in QUALITIES:
+        if quality not in QUALITIES and quality not in QUALITIES.values():
             raise ValueError(f"quality: {quality!r} is none of {', '.join(QUALITIES)}")
         lightmap = filter_type == "RTLightmap"
         if lightmap and (srgb or clean_aux):
@@ -142,7 +142,7 @@ class Denoiser:
             "hdr": hdr, "srgb": srgb, "cleanAux": clean_aux}
         for name, value in flags.items():
             lib.oidnSetFilterBool(self._filter, name.encode(), value)
-        lib.oidnSetFilterInt(self._filter, b"quality", QUALITIES[quality])
+        lib.oidnSetFilterInt(self._filter, b"quality", int(QUALITIES.get(quality, quality)))
         if ensemble > 1:
             lib.oidnSetFilterInt(self._filter, b"ensemble", ensemble)
         if max_memory_mb is not None:

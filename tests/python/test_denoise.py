@@ -64,6 +64,8 @@ def test_settings_reach_the_library(lull, frame, clean):
     assert same == hashes[4]  # a light map is denoised as colour alone
     assert len(set(hashes)) == len(hashes)
     assert np.array_equal(lull.denoise(**frame, hdr=True, threads=1, max_memory_mb=8), clean)
+    fast = lull.denoise(**frame, hdr=True, quality=4)  # OIDN_QUALITY_FAST, as pyoidn takes it
+    assert fast.tobytes() == hashes[3]
 
 
 def test_auxiliary_images_alone(lull, frame):
@@ -228,6 +230,7 @@ IMAGE = np.zeros((8, 8, 3), np.float32)
     (ValueError, "linear", {"color": IMAGE, "hdr": True, "srgb": True}),
     (ValueError, "'RT'", {"color": IMAGE, "filter_type": "RTLightmap", "srgb": True}),
     (ValueError, "'RTLightmap'", {"color": IMAGE, "directional": True}),
+    (ValueError, "quality: 7", {"color": IMAGE, "quality": 7}),
     (ValueError, "threads", {"color": IMAGE, "threads": -1}),
     (ValueError, "ensemble: 3", {"color": IMAGE, "ensemble": 3}),
     (TypeError, "sharpen", {"color": IMAGE, "sharpen": 1}),
