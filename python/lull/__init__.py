@@ -17,6 +17,7 @@ of the tree that it lies in (`make`), or the file that the environment variable 
 from __future__ import annotations
 
 import ctypes
+import operator
 import os
 import sys
 import threading
@@ -82,6 +83,14 @@ def _as_it_lies(image: np.ndarray) -> bool:
             and image.ctypes.data % size == 0 and row % size == 0 and pixel % size == 0)
 
 
+def _number(name: str, value: Any, kind: Callable[[Any], Any]) -> Any:
+    try:
+        return kind(value)
+    except (TypeError, ValueError):
+        kinds = "number" if kind is float else "whole number"
+        raise TypeError(f"{name}: {value!r} is not a {kinds}") from None
+
+
 class Denoiser:
     """A filter with its settings, device and threads, to be called for one frame after another.
 
@@ -120,10 +129,9 @@ class Denoiser:
             raise ValueError("directional is of filter_type 'RTLightmap'")
         if hdr and srgb:
             raise ValueError("srgb: hdr colours are linear")
-        if threads < 0:
-            raise ValueError(f"threads: {threads} is negative")
-        if max_memory_mb is not None and max_memory_mb < 0:
-            raise ValueError(f"max_memory_mb: {max_memory_mb} is negative")
+        for name, value in (("threads", threads), ("max_memory_mb", max_memory_mb)):
+            if value is not None and not 0 <= _number(name, value, operator.index) < 2**31:
+                raise ValueError(f"{name}: {value} is negative or too large")
         if ensemble not in (1, 2, 4):
             raise ValueError(f"ensemble: {ensemble} is none of 1, 2, 4")
         self._lock = threading.Lock()
@@ -148,7 +156,8 @@ class Denoiser:
         if max_memory_mb is not None:
             lib.oidnSetFilterInt(self._filter, b"maxMemoryMB", max_memory_mb)
         if input_scale is not None:
-            lib.oidnSetFilterFloat(self._filter, b"inputScale", input_scale)
+            lib.oidnSetFilterFloat(self._filter, b"inputScale",
+                                   _number("input_scale", input_scale, float))
         if weights is not None:
             self._weights = weights if isinstance(weights, bytes) else Path(weights).read_bytes()
             lib.oidnSetSharedFilterData(self._filter, b"weights", self._weights,
