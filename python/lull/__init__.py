@@ -122,7 +122,7 @@ class Denoiser:
             raise ValueError(f"filter_type: {filter_type!r} is neither 'RT' nor 'RTLightmap'")
         if quality not in QUALITIES and quality not in QUALITIES.values():
             raise ValueError(f"quality: {quality!r} is none of {', '.join(QUALITIES)}")
-        lightmap = filter_type == "RTLightmap"
+        self._lightmap = lightmap = filter_type == "RTLightmap"
         if lightmap and (srgb or clean_aux):
             raise ValueError("srgb and clean_aux are of filter_type 'RT'")
         if directional and not lightmap:
@@ -183,6 +183,8 @@ class Denoiser:
                  if v is not None}
         if not given:
             raise ValueError("color, albedo or normal is wanted")
+        if self._lightmap and set(given) != {"color"}:
+            raise ValueError("albedo and normal are of filter_type 'RT'")
         first = next(iter(given.values()))
         images = {name: _array(image, name) for name, image in given.items()}
         main = next(iter(images.values()))

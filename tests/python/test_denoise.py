@@ -230,6 +230,8 @@ IMAGE = np.zeros((8, 8, 3), np.float32)
     (ValueError, "linear", {"color": IMAGE, "hdr": True, "srgb": True}),
     (ValueError, "'RT'", {"color": IMAGE, "filter_type": "RTLightmap", "srgb": True}),
     (ValueError, "'RTLightmap'", {"color": IMAGE, "directional": True}),
+    (ValueError, "'RT'", {"color": IMAGE, "albedo": IMAGE, "filter_type": "RTLightmap"}),
+    (ValueError, "'RT'", {"normal": IMAGE, "filter_type": "RTLightmap"}),
     (ValueError, "quality: 7", {"color": IMAGE, "quality": 7}),
     (ValueError, "threads", {"color": IMAGE, "threads": -1}),
     (ValueError, "ensemble: 3", {"color": IMAGE, "ensemble": 3}),
