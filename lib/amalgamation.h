@@ -3,10 +3,6 @@
 #ifndef LULL_AMALGAMATION_H
 #define LULL_AMALGAMATION_H
 
-#if defined(__FAST_MATH__) || defined(_M_FP_FAST)
-#error "lull needs IEEE arithmetic: compile lull.c without -ffast-math (MSVC: without /fp:fast)"
-#endif
-
 /* No fused multiply-adds but those that the source asks for: results are the same on every CPU. */
 #if defined(__clang__)
 #pragma STDC FP_CONTRACT OFF

@@ -9,6 +9,10 @@
 
 #include "lull.h"
 
+#if defined(__FAST_MATH__) || defined(_M_FP_FAST)
+#error "lull needs IEEE arithmetic: compile it without -ffast-math (MSVC: without /fp:fast)"
+#endif
+
 #if defined(__GNUC__)
 #define LULL_INLINE static inline __attribute__((always_inline, unused))
 #define LULL_NOINLINE __attribute__((noinline)) /* its buffers shall not join the caller's */

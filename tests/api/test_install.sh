@@ -133,7 +133,7 @@ END
         -DOpenImageDenoise_ROOT="$work/moved/lib/x86_64-linux-gnu/cmake/OpenImageDenoise-2.5.1"
     rm -r "$work/moved"
 
-    # The tree as a part of a project, in a debug build, and installed by CMake.
+    # The tree as a part of a project, in a debug build with fast arithmetic, and installed by CMake.
     mkdir "$work/part"
     cat >"$work/part/CMakeLists.txt" <<END
 cmake_minimum_required(VERSION 3.16)
@@ -147,8 +147,8 @@ add_executable(native ../native.c)
 target_link_libraries(native lull)
 END
     try "cmake: configures with the tree" cmake -S "$work/part" -B "$work/part/build" \
-        -DCMAKE_C_COMPILER="$CC" -DCMAKE_BUILD_TYPE=Debug -DLULL_APPS=ON -DLULL_INSTALL=ON \
-        -DCMAKE_INSTALL_LIBDIR=lib
+        -DCMAKE_C_COMPILER="$CC" -DCMAKE_BUILD_TYPE=Debug -DCMAKE_C_FLAGS=-ffast-math \
+        -DLULL_APPS=ON -DLULL_INSTALL=ON -DCMAKE_INSTALL_LIBDIR=lib
     try "cmake: builds the tree" cmake --build "$work/part/build" -j 2
     for program in shared static native; do
         try "cmake: $program of the tree runs" "$work/part/build/$program"

@@ -70,3 +70,12 @@ def test_clang_calls_no_more_than_gcc(tmp_path: Path):
     called = subprocess.run(["nm", "-u", made], capture_output=True, text=True, check=True).stdout
     assert set(re.findall(r"U (mem\w+|bcmp)", called)) <= {"memcmp", "memcpy", "memset"}
     assert "memcmp" in called
+
+
+def test_arithmetic_that_is_not_ieee_is_refused(tmp_path: Path):
+    """It would compile, and denoise to other pixels."""
+    env = {k: v for k, v in os.environ.items() if k not in ("MAKEFLAGS", "MFLAGS", "CFLAGS")}
+    made = subprocess.run(["make", "-s", "CFLAGS=-ffast-math", f"BUILD={tmp_path}", "SAN=",
+                           f"{tmp_path}/obj/lib/exposure.o"],
+                          cwd=ROOT, env=env, capture_output=True, text=True)
+    assert made.returncode != 0 and "compile it without -ffast-math" in made.stderr
