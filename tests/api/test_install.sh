@@ -148,7 +148,7 @@ target_link_libraries(native lull)
 END
     try "cmake: configures with the tree" cmake -S "$work/part" -B "$work/part/build" \
         -DCMAKE_C_COMPILER="$CC" -DCMAKE_BUILD_TYPE=Debug -DCMAKE_C_FLAGS=-ffast-math \
-        -DLULL_APPS=ON -DLULL_INSTALL=ON -DCMAKE_INSTALL_LIBDIR=lib
+        -DCMAKE_UNITY_BUILD=ON -DLULL_APPS=ON -DLULL_INSTALL=ON -DCMAKE_INSTALL_LIBDIR=lib
     try "cmake: builds the tree" cmake --build "$work/part/build" -j 2
     for program in shared static native; do
         try "cmake: $program of the tree runs" "$work/part/build/$program"
@@ -186,7 +186,8 @@ project('consumer', 'c', default_options: ['c_std=c99'])
 subproject('lull')
 executable('consumer', 'main.c', dependencies: dependency('OpenImageDenoise'))
 END
-    try "meson: configures" meson setup "$work/meson/build" "$work/meson"
+    try "meson: configures" meson setup "$work/meson/build" "$work/meson" \
+        -Dunity=on -Dc_args=-ffast-math
     try "meson: builds" ninja -C "$work/meson/build" consumer
     try "meson: runs" "$work/meson/build/consumer"
     try "meson: configures the tree itself" meson setup "$work/meson/tree" "$root"
