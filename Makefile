@@ -202,7 +202,8 @@ SOFLAGS := -shared -static-libgcc -Wl,--out-implib,$(IMPLIB)
 else
 SONAME := libOpenImageDenoise.so.2
 SOLINK := libOpenImageDenoise.so
-SOFLAGS := -shared -Wl,-soname,$(SONAME) -Wl,--gc-sections $(if $(SAN),,-Wl,-z,defs)
+# nodelete: dlclose leaves the code of a device's threads where it is, as hosts know it of the original.
+SOFLAGS := -shared -Wl,-soname,$(SONAME) -Wl,--gc-sections -Wl,-z,nodelete $(if $(SAN),,-Wl,-z,defs)
 endif
 ifeq ($(SYSTEM),wasm)
 PROGRAMS := $(addprefix $(BUILD)/bin/,lull.wasm lull-threads.wasm $(notdir $(wildcard apps/web/*.mjs)))

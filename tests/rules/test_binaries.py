@@ -6,6 +6,7 @@ import os
 import re
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -125,3 +126,15 @@ def test_stripped_size(facade: Path, tmp_path: Path):
     stripped = tmp_path / facade.name
     subprocess.run([tool("strip"), "-o", stripped, facade], check=True)
     assert os.path.getsize(stripped) <= SIZE_LIMIT
+
+
+def test_unloading_it_under_a_device_is_harmless(facade: Path):
+    """Hosts that forget to release one, and unload what uses it, live on with the original."""
+    code = ("import _ctypes, ctypes, sys, time\n"
+            "for _ in range(20):\n"
+            "    lib = ctypes.CDLL(sys.argv[1])\n"
+            "    lib.oidnNewDevice.restype = ctypes.c_void_p\n"
+            "    lib.oidnCommitDevice(ctypes.c_void_p(lib.oidnNewDevice(1)))\n"
+            "    _ctypes.dlclose(lib._handle)\n"
+            "time.sleep(0.3)\n")
+    assert subprocess.run([sys.executable, "-c", code, facade], timeout=60).returncode == 0
