@@ -77,9 +77,10 @@ AR := $(shell $(CC) -print-prog-name=llvm-ar)
 endif
 endif
 
-# 1 if the compiler takes these flags.
-takes = $(shell echo 'int lull_probe;' | $(CC) $(CFLAGS) $(1) -Werror -x c -E - \
-        >/dev/null 2>&1 && echo 1)
+# 1 if the compiler takes these flags; warnings do not count where it warns of CFLAGS alone.
+probe = $(shell echo 'int lull_probe;' | $(CC) $(CFLAGS) $(1) -x c -E - >/dev/null 2>&1 && echo 1)
+PROBE_WERROR := $(if $(call probe,-Werror),-Werror)
+takes = $(call probe,$(1) $(PROBE_WERROR))
 
 port_flags = $(PORT_$(1)_FLAGS) $(PORT_$(1)_FLAGS_$(ARCH))
 port_built = $(if $(strip $(PORT_$(1)_SOURCES)),$(if $(filter any $(ARCH),$(PORT_$(1)_ARCH)),$(if \

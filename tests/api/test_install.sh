@@ -161,6 +161,14 @@ END
     head -n "$lines" "$work/log" >"$work/made"
     if [ "$lines" -gt 5 ] && tail -n "$lines" "$work/log" | cmp - "$work/made"; then ok
     else bad "cmake: its programs"; fi
+    if command -v clang >/dev/null 2>&1; then
+        try "cmake: clang with a flag of gcc's" cmake -S "$work/part" -B "$work/part/clang" \
+            -DCMAKE_C_COMPILER=clang -DCMAKE_C_FLAGS=-Wno-maybe-uninitialized
+        try "cmake: clang has its ports" grep LULL_TAKES_SCALAR:INTERNAL=1 \
+            "$work/part/clang/CMakeCache.txt"
+    else
+        skip "cmake with clang" "optional: clang is not installed"
+    fi
     try "cmake: installs" cmake --install "$work/part/build" --prefix "$work/moved"
     try "cmake: its package is found" cmake -S "$work/cmake" -B "$work/cmake/again" \
         -DCMAKE_PREFIX_PATH="$work/moved"

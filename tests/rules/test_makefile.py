@@ -32,6 +32,18 @@ def test_ports_have_their_instructions_under_any_cflags(compiler: str, flags: st
     assert made.returncode == 0, made.stdout + made.stderr
 
 
+def test_cflags_that_the_compiler_warns_of_lose_no_port(tmp_path: Path):
+    """A flag of another compiler's, or a macro that it defines already."""
+    env = {k: v for k, v in os.environ.items() if k not in ("MAKEFLAGS", "MFLAGS", "CFLAGS")}
+    for folder, flags in (("plain", ""), ("warned", "-DTWICE=1 -DTWICE=2")):
+        subprocess.run(["make", "-s", f"CFLAGS={flags}", f"BUILD={tmp_path / folder}", "SAN=",
+                        tmp_path / folder / "settings.txt"],
+                       cwd=ROOT, env=env, check=True, capture_output=True)
+    plain, warned = (re.findall(r"^  ports .*", (tmp_path / folder / "settings.txt").read_text(),
+                                re.MULTILINE) for folder in ("plain", "warned"))
+    assert warned == plain
+
+
 def test_windows_gets_its_import_library(tmp_path: Path):
     """The CMake package names it; without it -lOpenImageDenoise means the static library."""
     if not shutil.which("x86_64-w64-mingw32-gcc"):
