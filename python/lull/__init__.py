@@ -78,8 +78,10 @@ def _as_it_lies(image: np.ndarray) -> bool:
     height, width, channels = image.shape
     row, pixel, channel = image.strides
     size = image.itemsize
-    return ((channel == size or channels == 1) and (pixel >= channels * size or width == 1)
-            and (row >= (width - 1) * pixel + channels * size or height == 1)
+    if width == 1:
+        pixel = channels * size
+    return ((channel == size or channels == 1) and pixel >= channels * size
+            and (row >= width * pixel or height == 1)
             and image.ctypes.data % size == 0 and row % size == 0 and pixel % size == 0)
 
 
