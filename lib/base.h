@@ -9,7 +9,8 @@
 
 #include "lull.h"
 
-#if defined(__FAST_MATH__) || defined(_M_FP_FAST)
+#if defined(__FAST_MATH__) || defined(_M_FP_FAST) || \
+    (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__)
 #error "lull needs IEEE arithmetic: compile it without -ffast-math (MSVC: without /fp:fast)"
 #endif
 
