@@ -10,7 +10,6 @@ and OUT: .tza, integer; they may be the same.
 """
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 
 from export import kernel
@@ -20,8 +19,7 @@ from training import errors
 
 
 def main(argv: list[str]) -> None:
-    parser = argparse.ArgumentParser("export.bilateral", description=__doc__,
-                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = errors.Parser("export.bilateral", description=__doc__)
     parser.add_argument("input", type=Path)
     parser.add_argument("output", type=Path)
     which = parser.add_mutually_exclusive_group()

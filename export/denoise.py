@@ -10,7 +10,6 @@ bits.)
 """
 from __future__ import annotations
 
-import argparse
 import math
 from pathlib import Path
 
@@ -32,8 +31,7 @@ def family_of(path: Path) -> str:
 
 
 def main(argv: list[str]) -> None:
-    parser = argparse.ArgumentParser("python -m export.denoise", description=__doc__,
-                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = errors.Parser("python -m export.denoise", description=__doc__)
     parser.add_argument("model", type=Path, metavar="MODEL.tza")
     parser.add_argument("noisy", type=Path, metavar="NOISY")
     parser.add_argument("output", type=Path, metavar="OUT", help=".exr or .pfm")

@@ -10,7 +10,6 @@ is read from the file; --add replaces the row of a file that is listed already.
 """
 from __future__ import annotations
 
-import argparse
 import hashlib
 import sys
 from pathlib import Path
@@ -113,7 +112,7 @@ def add(folder: Path, row: dict[str, str]) -> None:
 
 
 def main(argv: list[str]) -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = errors.Parser(description=__doc__.splitlines()[0])
     parser.add_argument("--folder", type=Path, default=FOLDER)
     parser.add_argument("--check", action="store_true")
     parser.add_argument("--add", metavar="FILE")

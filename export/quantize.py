@@ -74,8 +74,7 @@ def write_integer(path: Path, tensors: dict[str, np.ndarray]) -> None:
 
 
 def arguments() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser("python -m export.quantize", description=__doc__,
-                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = errors.Parser("python -m export.quantize", description=__doc__)
     add = parser.add_argument
     add("input", type=Path, metavar="IN.tza", help="fp16 (or fp32) model")
     add("output", type=Path, metavar="OUT.tza", help="integer model, written anew")

@@ -151,8 +151,8 @@ def quantized(args: argparse.Namespace) -> kernel.IntTrunk:
 
 
 def main(argv: list[str]) -> None:
-    parser = argparse.ArgumentParser(prog="python -m export.quantize_kernel",
-                                     description="Quantises a model of family K.")
+    parser = errors.Parser(prog="python -m export.quantize_kernel",
+                           description="Quantises a model of family K.")
     parser.add_argument("input", type=Path)
     parser.add_argument("output", type=Path)
     parser.add_argument("--data", type=Path, required=True, help="calibration images")

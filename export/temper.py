@@ -6,7 +6,6 @@ logit of the coarser level's weight. Only scales and one bias of the integer hea
 """
 from __future__ import annotations
 
-import argparse
 from dataclasses import replace
 from pathlib import Path
 
@@ -35,8 +34,7 @@ def tempered(model: kernel.IntTrunk, radiance: float = 1.0, confidence: float = 
 
 
 def main(argv: list[str]) -> None:
-    parser = argparse.ArgumentParser("export.temper", description=__doc__,
-                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = errors.Parser("export.temper", description=__doc__)
     parser.add_argument("input", type=Path)
     parser.add_argument("output", type=Path)
     parser.add_argument("--radiance", type=float, default=1.0, metavar="F")

@@ -16,7 +16,6 @@ if __name__ == "__main__" and not __package__:  # run as a file: go on as a modu
     sys.path[0] = __file__.rpartition("training")[0] or ".."
     sys.exit(runpy.run_module("training.average", run_name="__main__", alter_sys=True))
 
-import argparse
 import math
 from pathlib import Path
 
@@ -26,8 +25,7 @@ from training.result import save_state, weights_of
 
 
 def main(argv: list[str]) -> None:
-    parser = argparse.ArgumentParser("training.average", description=__doc__,
-                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = errors.Parser("training.average", description=__doc__)
     parser.add_argument("output", type=Path)
     parser.add_argument("source", nargs="+", help="NAME or NAME:SHARE")
     parser.add_argument("-R", "--results_dir", default="results")

@@ -1,6 +1,7 @@
 """Errors of the toolkit: one line on stderr, an exit code per kind."""
 from __future__ import annotations
 
+import argparse
 import signal
 import sys
 import threading
@@ -22,6 +23,16 @@ class ToolError(Exception):
     def __init__(self, message: str, code: int = DATA):
         super().__init__(message)
         self.code = code
+
+
+class Parser(argparse.ArgumentParser):
+    """Wrong options are ToolErrors, and the lines of a description stay as they are."""
+
+    def __init__(self, *args, **kwargs):
+        super().__init__(*args, formatter_class=argparse.RawDescriptionHelpFormatter, **kwargs)
+
+    def error(self, message: str):
+        raise ToolError(f"{message} (--help lists the options)", USAGE)
 
 
 @contextmanager

@@ -20,7 +20,6 @@ if __name__ == "__main__" and not __package__:  # run as a file: go on as a modu
     sys.path[0] = __file__.rpartition("training")[0] or ".."
     sys.exit(runpy.run_module("training.evaluate", run_name="__main__", alter_sys=True))
 
-import argparse
 import json
 from dataclasses import dataclass
 from pathlib import Path
@@ -272,8 +271,7 @@ def write_report(path: Path, text: str) -> None:
 
 
 def main(argv: list[str]) -> None:
-    parser = argparse.ArgumentParser(prog="python -m training.evaluate", description=__doc__,
-                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = errors.Parser(prog="python -m training.evaluate", description=__doc__)
     parser.add_argument("weights", nargs="+", help="file.tza=feature,feature,...")
     parser.add_argument("--images", action="append", default=[], help="folder with references")
     parser.add_argument("--held_out", action="append", default=[], metavar="DIR:N",

@@ -16,7 +16,6 @@ if __name__ == "__main__" and not __package__:  # run as a file: go on as a modu
     sys.path[0] = __file__.rpartition("training")[0] or ".."
     sys.exit(runpy.run_module("training.quantize_aware", run_name="__main__", alter_sys=True))
 
-import argparse
 import copy
 import dataclasses
 import math
@@ -270,8 +269,7 @@ def fine_tune(net: nn.Module, batches: Batches, held: Sequence[tuple[Tensor, Ten
 
 
 def main(argv: list[str]) -> None:
-    parser = argparse.ArgumentParser("python -m training.quantize_aware", description=__doc__,
-                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = errors.Parser("python -m training.quantize_aware", description=__doc__)
     add = parser.add_argument
     add("input", type=Path, metavar="IN.tza")
     add("output", type=Path, metavar="OUT.tza")

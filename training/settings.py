@@ -16,7 +16,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from training.errors import DATA, USAGE, ToolError
+from training.errors import DATA, USAGE, Parser, ToolError
 from training.features import main_feature
 from training.kernel_model import FEATURES as KERNEL_FEATURES
 from training.loss import RT_WEIGHTS
@@ -60,15 +60,10 @@ class Settings:
         return dict(self._values)
 
 
-class _Parser(argparse.ArgumentParser):
-    def error(self, message: str):
-        raise ToolError(f"{message} (--help lists the options)", USAGE)
-
-
 def make_parser(script: str, doc: str = "") -> argparse.ArgumentParser:
     """The parser of a script; values that were not given are absent from its namespace."""
-    parser = _Parser(prog=f"python -m training.{script}", description=doc, allow_abbrev=False,
-                     argument_default=argparse.SUPPRESS)
+    parser = Parser(prog=f"python -m training.{script}", description=doc, allow_abbrev=False,
+                    argument_default=argparse.SUPPRESS)
     letter = SCRIPTS[script]
     for option in (o for o in OPTIONS if letter in o.scripts):
         kind, text, default = dict(option.kind), option.text, option.default_for(letter)

@@ -2,6 +2,7 @@
 from __future__ import annotations
 
 import errno
+import importlib
 import json
 import os
 import re
@@ -16,16 +17,18 @@ import numpy as np
 import pytest
 import torch
 
-from export import export
+from export import bilateral, export, manifest, quantize, quantize_kernel, temper
 from tests.training.test_kernel_train import RAW, TINY
 from tests.training.tools import QUICK, make_raw, picture, write_features
-from training import (color, compare_image, convert_image, doctor, evaluate, infer, nets,
-                      train)
+from training import (average, color, compare_image, convert_image, doctor, evaluate, infer, nets,
+                      quantize_aware, train)
 from training.errors import ToolError
 from training.features import load
 from training.imageio import read_image, write_image
 from training.result import Result, save_state
 from training.scan import scan
+from training.scenes import leaves, sheet
+from training.settings import SCRIPTS, make_parser
 from export.tza import write_weights
 
 
@@ -242,3 +245,17 @@ def test_there_are_no_integers_with_depth(work, fails, features):
         assert code == 4 and message.endswith("a: there are no integer models of z")
         if name == "data":
             Path("data").rename("gone")
+
+
+@pytest.mark.parametrize("tool", [average, bilateral, evaluate, leaves, manifest, quantize,
+                                  quantize_aware, quantize_kernel, sheet, temper])
+def test_wrong_options_of_all_tools_are_one_line(tool, fails):
+    code, message = fails(tool.main, ["--nonsense"])
+    assert code == 2 and "(--help lists the options)" in message
+
+
+@pytest.mark.parametrize("name", SCRIPTS)
+def test_the_calls_that_a_help_shows_can_be_copied(name):
+    tool = importlib.import_module(f"training.{name}")
+    doc = (tool.__doc__ or "").rstrip()
+    assert doc and f"\n{doc}\n" in make_parser(name, doc).format_help()

@@ -5,14 +5,14 @@ from __future__ import annotations
 import argparse
 import os
 
+from training import errors
 from training.errors import OUTPUT, USAGE, ToolError
 
 
 def parser(module: str, description: str, size: int, spp: str, pick: int
            ) -> argparse.ArgumentParser:
     """A parser of OUT and of what every maker of pictures takes; size, spp, pick: defaults."""
-    p = argparse.ArgumentParser(prog=module, description=description,
-                                formatter_class=argparse.RawDescriptionHelpFormatter)
+    p = errors.Parser(prog=module, description=description)
     p.add_argument("out", metavar="OUT", help="folder of the data set; made if missing")
     p.add_argument("--seeds", default="0:100", help="0:500 (end excluded), 7, or 3,7,20:40")
     p.add_argument("--size", default=str(size), help="pixels: 256 or 320x208 (width x height)")

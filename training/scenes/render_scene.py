@@ -23,8 +23,7 @@ from .options import bit_pair, count_list, shard, size_pair
 
 
 def parser() -> argparse.ArgumentParser:
-    p = argparse.ArgumentParser(prog="training.scenes.render_scene", description=__doc__,
-                                formatter_class=argparse.RawDescriptionHelpFormatter)
+    p = errors.Parser(prog="training.scenes.render_scene", description=__doc__)
     p.add_argument("scene", metavar="SCENE", help="Mitsuba 3 scene file (.xml)")
     p.add_argument("out", metavar="OUT", help="folder of the data set; made if missing")
     p.add_argument("--name", help="name of the groups (default: the scene's file name)")

@@ -5,7 +5,6 @@ For each scene: the target, the noisiest image, its albedo and its normal.
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 
 import numpy as np
@@ -52,8 +51,7 @@ def sheet(folders: list[Path], size: int, columns: int) -> np.ndarray:
 
 
 def main(argv: list[str] | None = None) -> None:
-    p = argparse.ArgumentParser(prog="training.scenes.sheet", description=__doc__,
-                                formatter_class=argparse.RawDescriptionHelpFormatter)
+    p = errors.Parser(prog="training.scenes.sheet", description=__doc__)
     p.add_argument("folder", type=Path, help="data set: scenes in subfolders")
     p.add_argument("png", type=Path, help="picture to write")
     p.add_argument("--first", type=int, default=0, help="skip so many scenes")
