@@ -48,19 +48,20 @@ def worker(settings: Settings, team: parallel.Team) -> None:
     torch.manual_seed(settings.seed)
     model = make_model(settings).to(team.device, memory_format=torch.channels_last)
     optimizer = Optimizer(model.parameters(), settings.learning_rate, settings.optimizer)
-    loss_of = loss_of_settings(settings)
+    loss_of, mixed = loss_of_settings(settings), parallel.Mixed(settings, team)
     growth = (settings.max_learning_rate / settings.learning_rate) ** (1 / (steps - 1))
     rows, smooth, best, bar = [], 0.0, math.inf, Bar(team.rank == 0)
     loader = parallel.loader(batches, range(steps), settings, team)
     for step, (x, y) in enumerate(loader):
         rate = settings.learning_rate * growth**step
         optimizer.schedule(rate)
-        x = x.to(team.device)
-        loss = loss_of(model(x), y.to(team.device))
+        x, y = x.to(team.device), y.to(team.device)
+        with mixed.autocast():
+            loss = loss_of(model(x), y)
         optimizer.zero_grad()
-        loss.backward()
+        mixed.backward(loss)
         team.average([p.grad for p in model.parameters()])
-        optimizer.step()
+        mixed.step(optimizer)
         value = float(team.mean(loss.detach()))
         smooth = SMOOTHING * smooth + (1 - SMOOTHING) * value
         unbiased = smooth / (1 - SMOOTHING ** (step + 1))

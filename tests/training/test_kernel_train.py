@@ -249,6 +249,15 @@ def test_find_lr(raw, work, capsys):
     assert "smoothed loss" in capsys.readouterr().out.splitlines()[-1]
 
 
+def test_find_lr_has_the_precision_of_the_training(raw, work, fails):
+    args = [*RAW, "-D", str(raw), "-s", "1", "--num_steps", "2"]
+    for precision in ("fp32", "bf16"):
+        find_lr.main([*args, "-r", precision, "-p", precision])
+    assert Path("results/fp32.csv").read_text() != Path("results/bf16.csv").read_text()
+    code, message = fails(find_lr.main, [*args, "-p", "mixed"])
+    assert code == 2 and "needs a cuda device" in message
+
+
 def test_weights_of_elsewhere(raw, work, fails, capsys):
     """A state dict (.pt), an fp16 file and an integer one: start a training; the former are
     quantised and evaluated."""
