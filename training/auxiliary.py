@@ -36,8 +36,8 @@ class Prefilter:
         return out
 
 
-def load_prefilters(settings: Settings) -> list[Prefilter]:
-    """The prefilters that --aux_results names."""
+def load_prefilters(settings: Settings, device: str | torch.device = "cpu") -> list[Prefilter]:
+    """The prefilters that --aux_results names, on a device."""
     prefilters = []
     for name in settings.aux_results:
         model, trained, _ = load_model(Result(settings.results_dir, name))
@@ -46,7 +46,8 @@ def load_prefilters(settings: Settings) -> list[Prefilter]:
             raise ToolError(f"result {name} does not correspond to an auxiliary feature", STATE)
         # depth as a feature is in log codes already; the others are linear
         transfer = "linear" if features[0] == "z" else trained.transfer
-        prefilters.append(Prefilter(name, features[0], model, color.TRANSFERS[transfer]))
+        prefilters.append(Prefilter(name, features[0], model.to(device),
+                                    color.TRANSFERS[transfer]))
     return prefilters
 
 

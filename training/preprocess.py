@@ -19,7 +19,7 @@ import shutil
 from pathlib import Path
 
 from export.tza import Writer
-from training import errors
+from training import errors, parallel
 from training.auxiliary import Prefilter, load_prefilters, prefiltered
 from training.data import load_group
 from training.errors import DATA, OUTPUT, ToolError
@@ -31,7 +31,8 @@ from training.settings import Settings, parse, unique_id
 def main(argv: list[str]) -> None:
     settings = parse("preprocess", argv, __doc__)
     names = [n for n in (settings.train_data, settings.valid_data) if n]
-    prefilters = load_prefilters(settings)
+    parallel.configure(settings)
+    prefilters = load_prefilters(settings, parallel.open_device(settings))
     done = 0
     for name in names:
         root = Path(settings.data_dir) / name

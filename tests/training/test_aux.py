@@ -77,6 +77,19 @@ def test_prefiltered_features_of_raw_data(raw, work):
     assert np.array_equal(stored[0].inputs[0], read[0].inputs[0])
 
 
+def test_preprocessing_heeds_threads_and_device(raw, work, fails):
+    args = [*ALL, "-D", str(raw), "-t", "train"]
+    before = torch.get_num_threads()
+    try:
+        preprocess.main([*args, "--threads", str(before + 1)])
+        assert torch.get_num_threads() == before + 1
+    finally:
+        torch.set_num_threads(before)
+    if not torch.cuda.is_available():
+        assert fails(preprocess.main, [*args, "-d", "cuda"]) == (
+            2, "device 'cuda' is not available")
+
+
 def test_references_without_features_cannot_be_mixed_in(raw, work, capsys):
     """A line says so; preprocessed sets keep none of references, as the original's."""
     data = ["-D", str(raw), "-t", "train"]
