@@ -192,12 +192,12 @@ def evaluate(case: Case, path: Path, denoiser: Denoiser | Program, binary: Path 
             theirs = peer.denoise(binary, images, path.resolve())
             row["agreement"] = peer.difference(outputs["lull"], theirs)
     displays = {m: metrics.to_display(image, main, exposure) for m, image in outputs.items()}
-    row |= {m: metrics.measure(image, shown, names, f"{case.name} ({m})")
+    row |= {m: metrics.limited(metrics.measure(image, shown, names, f"{case.name} ({m})"))
             for m, image in displays.items()}
     if less_reference:
         noise = noise_of_reference(case, metrics.mse(displays["noisy"], shown))
         for method, image in displays.items():
-            left = max(metrics.mse(image, shown) - noise, 1e-12)
+            left = max(metrics.mse(image, shown) - noise, 1e-10)
             row[method]["psnr"] = metrics.decibels(left)
     return row
 

@@ -91,7 +91,7 @@ def main(argv: list[str]) -> None:
         for name, values in infer_group(group, denoiser, settings, root, suffix):
             text = ", ".join(f"{k}={v:.4f}" for k, v in values.items())
             print(f"{name} ... {text}" if text else name, flush=True)
-            for k, v in values.items():
+            for k, v in metrics.limited(values).items():
                 sums[k].append(v)
     if sums:
         count = len(next(iter(sums.values())))

@@ -86,6 +86,11 @@ def measure(image: np.ndarray, reference: np.ndarray, names: list[str],
     return {n: METRICS[n](image, reference) for n in names}
 
 
+def limited(values: dict[str, float]) -> dict[str, float]:
+    """Metrics of which means can be taken: equal pictures have 100 dB, not infinitely many."""
+    return {n: min(v, 100.0) for n, v in values.items()}
+
+
 def to_codes(image: np.ndarray, feature: str, exposure: float = 1.0) -> np.ndarray:
     """What a PNG of a feature holds, in [0,1]: what a viewer sees, but of normals n/2 + 1/2."""
     if feature == "nrm":

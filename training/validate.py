@@ -144,8 +144,8 @@ def metric_names() -> tuple[str, ...]:
 
 
 def values(image: np.ndarray, target: np.ndarray, names: tuple[str, ...]) -> list[float]:
-    """Metrics by name; 100 dB for equal pictures."""
-    return [min(v, 100.0) for v in metrics.measure(image, target, list(names)).values()]
+    """Metrics by name."""
+    return [*metrics.limited(metrics.measure(image, target, list(names))).values()]
 
 
 def _chw(image: np.ndarray) -> Tensor:

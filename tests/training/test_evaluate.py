@@ -214,3 +214,18 @@ def test_figures_are_kept_where_the_report_cannot_be(work, raw, fails):
     code, message = fails(evaluate.main, [*args, "--no_oidn", "--metric", "psnr", "--report",
                                           "new.md", "--json", "file/x.json"])
     assert code == 5 and "file/x.json" in message and Path("new.md").exists()
+
+
+def test_means_with_a_black_picture_are_numbers(work, root, capsys, fails):
+    """Equal pictures have 100 dB there, so that JSON can say it and --least_gain still holds."""
+    for name, light in (("black", 0.0), ("grey", 0.5)):
+        for spp in (4, 64):
+            image = np.full((32, 32, 3), light * (1 + 0.1 * (spp == 4)), np.float32)
+            write_features(work / "set", f"{name}_{spp}spp", {"hdr": image})
+    model = f"{root / 'weights' / 'rt_hdr_w16.tza'}=hdr"
+    rows = scored(work, "a.json", model, "--images", str(work / "set"))
+    assert [row["noisy"]["psnr"] == 100 for row in rows] == [True, False]
+    assert "inf" not in capsys.readouterr().out and "Infinity" not in Path("a.json").read_text()
+    code, message = fails(evaluate.main, [model, "--images", str(work / "set"), "--no_oidn",
+                                          "--metric", "psnr", "--least_gain", "99"])
+    assert code == 4 and "dB gained, 99 wanted" in message
