@@ -75,6 +75,8 @@ def read_exr_channels(path: Path) -> dict[str, np.ndarray]:
                 if part.type() not in (exr.scanlineimage, exr.tiledimage):
                     continue
                 prefix = f"{part.name()}." if len(f.parts) > 1 and part.name() else ""
+                if any((c.xSampling, c.ySampling) != (1, 1) for c in part.channels.values()):
+                    raise ToolError(f"{path}: subsampled channels are not supported", DATA)
                 for name, c in part.channels.items():
                     key = name if "." in name else prefix + name
                     channels.setdefault(key, np.asarray(c.pixels, np.float32))

@@ -1,8 +1,13 @@
 """Image files: reading, writing, and what goes wrong."""
 
+import struct
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from tests.training.tools import picture, write_features
+from training import convert_image, preprocess, split_exr
 from training.errors import ToolError
 from training.imageio import read_image, write_image
 
@@ -95,3 +100,42 @@ def test_unwritable_output(tmp_path):
     with pytest.raises(ToolError) as caught:
         write_image(tmp_path / "file" / "x.exr", np.zeros((2, 2, 3)))
     assert caught.value.code == 5
+
+
+def exr_of_samples(width: int, height: int, channels: dict[str, int]) -> bytes:
+    """An uncompressed EXR of floats: by channel, of how many columns and rows it has one sample."""
+    def attribute(name: str, kind: str, value: bytes) -> bytes:
+        return f"{name}\0{kind}\0".encode() + struct.pack("<I", len(value)) + value
+
+    names = sorted(channels)
+    window = struct.pack("<4i", 0, 0, width - 1, height - 1)
+    head = struct.pack("<2I", 20000630, 2) + attribute("channels", "chlist", b"".join(
+        n.encode() + b"\0" + struct.pack("<4I", 2, 0, channels[n], channels[n]) for n in names)
+        + b"\0") + attribute("compression", "compression", b"\0") + attribute(
+        "lineOrder", "lineOrder", b"\0") + b"".join(
+        attribute(n, "box2i", window) for n in ("dataWindow", "displayWindow")) + b"".join(
+        attribute(n, "float", struct.pack("<f", 1)) for n in (
+            "pixelAspectRatio", "screenWindowWidth")) + attribute(
+        "screenWindowCenter", "v2f", bytes(8)) + b"\0"
+    offsets, body = [], b""
+    for y in range(height):
+        line = b"".join(bytes(4 * (width // channels[n])) for n in names if y % channels[n] == 0)
+        offsets.append(len(head) + 8 * height + len(body))
+        body += struct.pack("<2i", y, len(line)) + line
+    return head + struct.pack(f"<{height}Q", *offsets) + body
+
+
+@pytest.mark.parametrize("channels", [{"R": 1, "G": 1, "B": 2}, {"Y": 1, "RY": 2, "BY": 2}])
+def test_subsampled_channels_are_refused(work, fails, capsys, channels):
+    """With their name, whatever they are read for; grey is not all of a picture with chroma."""
+    for version in ("1", "ref"):
+        write_features(Path("data/train"), f"b_{version}", {"hdr": picture(0)["hdr"]})
+        for name in (f"a_{version}.hdr.exr", f"c_{version}.exr"):
+            Path("data/train", name).write_bytes(exr_of_samples(16, 16, channels))
+    for main, args in ((convert_image.main, ["data/train/a_1.hdr.exr", "a.png"]),
+                       (split_exr.main, ["data/train/c_1.exr"])):
+        code, message = fails(main, args)
+        assert code == 3 and message == f"{args[0]}: subsampled channels are not supported"
+    preprocess.main(["hdr", "-t", "train"])
+    out = capsys.readouterr().out
+    assert out.count("subsampled channels are not supported") == 2 and ": 1 pairs" in out
