@@ -29,7 +29,7 @@ from training import color, errors, kernel_model, metrics, parallel
 from training.auxiliary import load_prefilters, run_network
 from training.errors import DATA, ToolError
 from training.features import encode, load
-from training.imageio import LINEAR_FORMATS, WRITERS, write_image
+from training.imageio import LINEAR_FORMATS, WRITERS, replacing, write_image
 from training.result import Result, load_model
 from training.scan import CHANNELS, Group, scan
 from training.settings import Settings, parse
@@ -105,8 +105,10 @@ def infer_group(group: Group, denoiser: Denoiser, settings: Settings, root: Path
     main_feature = denoiser.main
     exposure, metadata = read_metadata(root, group.name)
     if metadata:
-        (folder / metadata.relative_to(root)).parent.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(metadata, folder / metadata.relative_to(root))
+        copy = folder / metadata.relative_to(root)
+        if not (copy.exists() and copy.samefile(metadata)):
+            with replacing(copy) as tmp:
+                shutil.copyfile(metadata, tmp)
     target = None
     if group.target:
         target = load(group.target, [main_feature], settings.layers)[main_feature]

@@ -70,6 +70,16 @@ def test_infer_epoch_best_and_raw_weights(raw, results, work, fails):
     assert code == 3
 
 
+def test_infer_beside_the_inputs_and_where_it_cannot_write(results, work, fails):
+    make_raw(work / "data" / "test", 1)
+    (work / "data" / "test" / "scene0" / "view0.json").write_text('{"exposure": 2.0}')
+    args = ["-R", str(results), "-r", "a"]
+    infer.main([*args, "-O", "data"])
+    assert Path("data/test/scene0/view0_0001spp.a.hdr.exr").exists()
+    code, message = fails(infer.main, [*args, "-O", "data/test/scene0/view0.json"])
+    assert code == 5 and "view0.json/test/scene0/view0.json: cannot write" in message
+
+
 def test_normals_are_remapped_once_per_picture(raw, results, work):
     """Two linear formats hold the same normals, in [-1,1]."""
     infer.main(["-r", "nrm", "-R", str(results), "-D", str(raw), "-i", "valid", "-F", "exr", "pfm"])
