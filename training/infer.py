@@ -31,7 +31,7 @@ from training.errors import DATA, ToolError
 from training.features import encode, load
 from training.imageio import LINEAR_FORMATS, WRITERS, replacing, write_image
 from training.result import Result, load_model
-from training.scan import CHANNELS, Group, scan
+from training.scan import CHANNELS, Group, Version, scan
 from training.settings import Settings, parse
 
 
@@ -87,20 +87,35 @@ def main(argv: list[str]) -> None:
     if not found.groups:
         raise ToolError(f"{root}: nothing to denoise for {' '.join(trained.features)}", DATA)
     sums: dict[str, list[float]] = defaultdict(list)
+    done = 0
     for group in found.groups:
         for name, values in infer_group(group, denoiser, settings, root, suffix):
+            done += 1
             text = ", ".join(f"{k}={v:.4f}" for k, v in values.items())
             print(f"{name} ... {text}" if text else name, flush=True)
             for k, v in metrics.limited(values).items():
                 sums[k].append(v)
+    if not done:
+        raise ToolError(f"{root}: no picture can be read", DATA)
     if sums:
         count = len(next(iter(sums.values())))
         text = ", ".join(f"{k}_avg={np.mean(v):.4f}" for k, v in sums.items())
         print(f"{settings.result}: {text} ({count} images)")
 
 
+def read(version: Version, features: list[str], settings: Settings) -> dict[str, np.ndarray] | None:
+    """Features of a picture; None, with a line that says why, if it cannot be read."""
+    try:
+        return load(version, features, settings.layers)
+    except ToolError as e:
+        if e.code != DATA:
+            raise
+        print(f"left out {version.name}: {e}")
+        return None
+
+
 def infer_group(group: Group, denoiser: Denoiser, settings: Settings, root: Path, suffix: str):
-    """Denoise and save the inputs of a group; yields (name, metrics) of each."""
+    """Denoise and save the inputs of a group; yields (name, metrics) of each that can be read."""
     folder = Path(settings.output_dir) / settings.input_data
     main_feature = denoiser.main
     exposure, metadata = read_metadata(root, group.name)
@@ -110,22 +125,23 @@ def infer_group(group: Group, denoiser: Denoiser, settings: Settings, root: Path
             with replacing(copy) as tmp:
                 shutil.copyfile(metadata, tmp)
     target = None
-    if group.target:
-        target = load(group.target, [main_feature], settings.layers)[main_feature]
+    if group.target and (images := read(group.target, [main_feature], settings)):
+        target = images[main_feature]
         if settings.save_all:
             save(folder / group.target.name, target, main_feature, settings.format, exposure)
     for version in group.inputs:
-        images = load(version, denoiser.features, settings.layers)
+        images = read(version, denoiser.features, settings)
+        if images is None:
+            continue
         output = denoiser.run(images)
         save(folder / f"{version.name}.{suffix}", output, main_feature, settings.format, exposure)
         if settings.save_all:
             save(folder / version.name, images[main_feature], main_feature, settings.format,
                  exposure)
         values = {}
-        if target is not None:
-            if target.shape != output.shape:
-                raise ToolError(f"{version.name}: the input and target images have different sizes",
-                                DATA)
+        if target is not None and target.shape != output.shape:
+            print(f"{version.name}: not of the size of its reference, not measured")
+        elif target is not None:
             shown = [metrics.to_display(i, main_feature, exposure) for i in (output, target)]
             values = metrics.measure(*shown, settings.metric, version.name)
         yield version.name, values

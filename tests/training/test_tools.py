@@ -80,6 +80,24 @@ def test_infer_beside_the_inputs_and_where_it_cannot_write(results, work, fails)
     assert code == 5 and "view0.json/test/scene0/view0.json: cannot write" in message
 
 
+def test_infer_leaves_out_what_it_cannot_read(results, work, capsys, fails):
+    """A broken picture, and a reference of another size, do not keep others from being denoised."""
+    root = make_raw(work / "data" / "test", 3)
+    for broken in "scene0/view0_0001spp.alb", "scene1/view1_ref.hdr":
+        (root / f"{broken}.exr").write_bytes(b"\x76\x2f\x31\x01")
+    write_features(root / "scene2", "view2_ref", picture(2, 32, 32))
+    args = ["-R", str(results), "-r", "a", "-M", "psnr"]
+    infer.main(args)
+    out = capsys.readouterr().out
+    assert "left out scene0/view0_0001spp: " in out and "left out scene1/view1_ref: " in out
+    assert "scene2/view2_0004spp: not of the size of its reference, not measured" in out
+    assert "(1 images)" in out and len([*Path("infer").rglob("*.exr")]) == 5
+    for path in root.rglob("*spp.nrm.exr"):
+        path.write_bytes(b"")
+    code, message = fails(infer.main, args)
+    assert code == 3 and message.endswith("data/test: no picture can be read")
+
+
 def test_normals_are_remapped_once_per_picture(raw, results, work):
     """Two linear formats hold the same normals, in [-1,1]."""
     infer.main(["-r", "nrm", "-R", str(results), "-D", str(raw), "-i", "valid", "-F", "exr", "pfm"])
