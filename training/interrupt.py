@@ -1,17 +1,23 @@
 """Ctrl-C and SIGTERM, as requests that are heard where nothing is half done."""
 from __future__ import annotations
 
+import contextlib
 import signal
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
 
 AGAIN = 2.0  # seconds: what comes sooner is the same request, which a launcher has passed on, too
 
 
 class Interrupted(KeyboardInterrupt):
     """A request, where what is done can be saved."""
+
+
+def forget_loaders() -> None:
+    """From here on, loaders that end are no failures, which DataLoader takes them for."""
+    with contextlib.suppress(ValueError, AttributeError):  # not in the main thread; Windows
+        signal.signal(signal.SIGCHLD, signal.SIG_DFL)
 
 
 class Interrupts:
@@ -34,7 +40,7 @@ class Interrupts:
         if self.asked:
             raise Interrupted
 
-    @contextmanager
+    @contextlib.contextmanager
     def at_once(self) -> Iterator[None]:
         """Within, for waits, a request is Interrupted wherever it falls."""
         self.waits = True

@@ -13,6 +13,7 @@ import ctypes
 import functools
 import importlib
 import multiprocessing.popen_fork
+import multiprocessing.queues
 import os
 import signal
 import socket
@@ -26,7 +27,7 @@ import torch.distributed as dist
 from torch import Tensor
 
 from training.errors import INTERRUPTED, STATE, USAGE, ToolError
-from training.interrupt import Interrupted, Interrupts
+from training.interrupt import Interrupted, Interrupts, forget_loaders
 from training.optimizer import Optimizer
 from training.settings import Settings
 
@@ -146,7 +147,20 @@ def launch(work: Callable[[Settings, Team], None], settings: Settings) -> None:
         _spawn(work, settings)
     else:
         configure(settings)
-        work(settings, Team(0, 1, open_device(settings)))
+        _run(work, settings, Team(0, 1, open_device(settings)))
+
+
+def _run(work, settings: Settings, team: Team) -> None:
+    """The work itself; that a loader has died a RuntimeError of PyTorch says at any moment, or what
+    becomes of a batch that is still with it."""
+    try:
+        work(settings, team)
+    except (RuntimeError, ConnectionError, EOFError) as e:
+        if isinstance(e, RuntimeError) and not str(e).startswith("DataLoader worker"):
+            raise
+        forget_loaders()
+        raise ToolError("a loader process has died, as where memory or /dev/shm is full; fewer "
+                        "--num_loaders take less of both", STATE) from e
 
 
 def _spawn(work, settings: Settings) -> None:
@@ -208,7 +222,7 @@ def _member(rank: int, work, settings: Settings, world: int, local: int) -> None
     try:
         seed = torch.tensor(settings.seed)  # on the CPU
         dist.broadcast(seed, 0)  # where none was given torchrun's processes took their clocks'
-        work(settings.replace(seed=int(seed)), team)
+        _run(work, settings.replace(seed=int(seed)), team)
         team.wait()  # nobody leaves while another may still need it
     finally:
         dist.destroy_process_group()
@@ -221,14 +235,13 @@ def loader(batches, steps: range, settings: Settings, team: Team) -> Iterable:
     return torch.utils.data.DataLoader(
         batches, batch_size=None, sampler=steps, num_workers=workers,
         multiprocessing_context=_LoaderContext() if forks else None,
-        worker_init_fn=_ignore_interrupts if forks else None,
+        worker_init_fn=_set_up_loader if forks else None,
         pin_memory=team.device.type == "cuda")
 
 
 class _LoaderPopen(multiprocessing.popen_fork.Popen):
     def terminate(self) -> None:
-        with contextlib.suppress(ValueError):  # not in the main thread
-            signal.signal(signal.SIGCHLD, signal.SIG_DFL)  # DataLoader's takes it for a failure
+        forget_loaders()
         self.kill()
 
 
@@ -242,10 +255,12 @@ class _LoaderContext(ForkContext):
     Process = _LoaderProcess
 
 
-def _ignore_interrupts(_: int) -> None:
+def _set_up_loader(_: int) -> None:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)
     sys.excepthook = lambda *_: None  # of the thread that is left alone while it hands over a batch
+    # One that it cannot hand over, it would drop, and the training wait for it without end.
+    multiprocessing.queues.Queue._on_queue_feeder_error = lambda *_: os._exit(1)
 
 
 def uses_graphs(settings: Settings, team: Team) -> bool:

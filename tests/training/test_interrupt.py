@@ -15,7 +15,7 @@ import pytest
 import torch
 
 from tests.training.test_train import RAW, same, state
-from training import interrupt, nets, optimizer, schedule, train, validate
+from training import find_lr, interrupt, nets, optimizer, schedule, train, validate
 from training.data import Batches
 from training.interrupt import Interrupted, Interrupts
 from training.result import Result
@@ -126,6 +126,24 @@ def test_a_loader_that_hangs(raw, work, monkeypatch):
     start = time.monotonic()
     interrupted([*RAW, "-D", str(raw), "-e", "4", "-r", "a"])
     assert time.monotonic() - start < 30 and state()["step"] == 4
+
+
+class Unsendable:
+    """What cannot be handed over, as a batch where /dev/shm is full."""
+
+    def __reduce__(self):
+        raise OSError(28, "No space left on device")
+
+
+@pytest.mark.parametrize("main", [train.main, find_lr.main])
+@pytest.mark.parametrize("die", [lambda: os.kill(os.getpid(), signal.SIGKILL), Unsendable])
+def test_a_loader_that_dies(raw, work, monkeypatch, fails, main, die):
+    """Like one that runs out of memory; it is neither waited for nor told of by a traceback."""
+    kept = Batches.__getitem__
+    monkeypatch.setattr(Batches, "__getitem__",
+                        lambda self, step: die() if step == 4 else kept(self, step))
+    code, message = fails(main, [*RAW, "-D", str(raw), "-r", "a", "-j", "1"])
+    assert code == 4 and message.startswith("a loader process has died")
 
 
 def wait_for(path: Path, process: subprocess.Popen) -> None:
