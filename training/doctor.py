@@ -25,6 +25,7 @@ from training.scan import Group, Version, scan
 from training.settings import parse
 
 FAR = 1e-3
+BLANK = 1 / 127  # 8 bits have no code for a normal of 0, where nothing is hit
 
 
 def check_values(version: Version, raw: dict[str, np.ndarray]) -> Iterator[str]:
@@ -49,7 +50,7 @@ def check_values(version: Version, raw: dict[str, np.ndarray]) -> Iterator[str]:
 
 def check_normals(image: np.ndarray) -> Iterator[str]:
     """Normals stored as n*0.5+0.5 look positive and have unit length only once decoded."""
-    lit = image.any(-1)
+    lit = (np.abs(image) > BLANK).any(-1)
     if not lit.any():
         return
     n = image[lit]

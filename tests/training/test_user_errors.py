@@ -247,6 +247,17 @@ def test_there_are_no_integers_with_depth(work, fails, features):
             Path("data").rename("gone")
 
 
+def test_normals_of_nothing_in_8_bits_have_no_length_to_find(work):
+    """n * 0.5 + 0.5 of 0 lies between two codes."""
+    normals = np.zeros((8, 8, 3), np.float32)
+    normals[:2, :, 2] = -1
+    write_image(Path("n.png"), normals * 0.5 + 0.5)
+    stored = read_image(Path("n.png")) * 2 - 1
+    assert stored[4:].any() and not [*doctor.check_normals(stored)]
+    assert [*doctor.check_normals(stored * 0.5)] == [
+        "nrm: far from unit length (by 0.50 on average)"]
+
+
 @pytest.mark.parametrize("tool", [average, bilateral, evaluate, leaves, manifest, quantize,
                                   quantize_aware, quantize_kernel, sheet, temper])
 def test_wrong_options_of_all_tools_are_one_line(tool, fails):
