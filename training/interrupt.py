@@ -7,6 +7,8 @@ import threading
 import time
 from collections.abc import Iterator
 
+from training.errors import STATE, ToolError
+
 AGAIN = 2.0  # seconds: what comes sooner is the same request, which a launcher has passed on, too
 
 
@@ -18,6 +20,20 @@ def forget_loaders() -> None:
     """From here on, loaders that end are no failures, which DataLoader takes them for."""
     with contextlib.suppress(ValueError, AttributeError):  # not in the main thread; Windows
         signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+
+
+@contextlib.contextmanager
+def watched_loaders() -> Iterator[None]:
+    """That a loader has died a RuntimeError of PyTorch says at any moment, or what becomes of a
+    batch that is still with it; here it is a ToolError."""
+    try:
+        yield
+    except (RuntimeError, ConnectionError, EOFError) as e:
+        if isinstance(e, RuntimeError) and not str(e).startswith("DataLoader worker"):
+            raise
+        forget_loaders()
+        raise ToolError("a loader process has died, as where memory or /dev/shm is full; fewer "
+                        "--num_loaders take less of both", STATE) from e
 
 
 class Interrupts:

@@ -18,6 +18,7 @@ import os
 import signal
 import socket
 import sys
+import time
 from collections.abc import Callable, Iterable
 from datetime import timedelta
 from multiprocessing.context import ForkContext, ForkProcess
@@ -27,13 +28,14 @@ import torch.distributed as dist
 from torch import Tensor
 
 from training.errors import INTERRUPTED, STATE, USAGE, ToolError
-from training.interrupt import Interrupted, Interrupts, forget_loaders
+from training.interrupt import Interrupted, Interrupts, forget_loaders, watched_loaders
 from training.optimizer import Optimizer
 from training.settings import Settings
 
 # How long processes wait for another: validations and the integer stage are the first one's alone,
 # and last as long as they do. Of one that died those hear that started it.
 PATIENCE = timedelta(days=7)
+PAUSE = 3.0  # seconds before others fail, too: of the first to fail the rest are ended meanwhile
 
 
 class Team:
@@ -147,20 +149,8 @@ def launch(work: Callable[[Settings, Team], None], settings: Settings) -> None:
         _spawn(work, settings)
     else:
         configure(settings)
-        _run(work, settings, Team(0, 1, open_device(settings)))
-
-
-def _run(work, settings: Settings, team: Team) -> None:
-    """The work itself; that a loader has died a RuntimeError of PyTorch says at any moment, or what
-    becomes of a batch that is still with it."""
-    try:
-        work(settings, team)
-    except (RuntimeError, ConnectionError, EOFError) as e:
-        if isinstance(e, RuntimeError) and not str(e).startswith("DataLoader worker"):
-            raise
-        forget_loaders()
-        raise ToolError("a loader process has died, as where memory or /dev/shm is full; fewer "
-                        "--num_loaders take less of both", STATE) from e
+        with watched_loaders():
+            work(settings, Team(0, 1, open_device(settings)))
 
 
 def _spawn(work, settings: Settings) -> None:
@@ -199,9 +189,15 @@ def _spawned(rank: int, work, settings: Settings) -> None:
     try:
         _member(rank, work, settings, settings.num_devices, rank)
     except (ToolError, KeyboardInterrupt) as e:
-        if rank == 0:
+        code = e.code if isinstance(e, ToolError) else INTERRUPTED
+        if rank and code != INTERRUPTED:
+            time.sleep(PAUSE)
+        if rank == 0 or code != INTERRUPTED:
             print(f"Error: {str(e) or 'interrupted'}", file=sys.stderr)
-        sys.exit(e.code if isinstance(e, ToolError) else INTERRUPTED)
+        sys.exit(code)
+    except Exception:  # of the connection, if another has failed
+        time.sleep(2 * PAUSE)
+        raise
 
 
 def _member(rank: int, work, settings: Settings, world: int, local: int) -> None:
@@ -222,7 +218,8 @@ def _member(rank: int, work, settings: Settings, world: int, local: int) -> None
     try:
         seed = torch.tensor(settings.seed)  # on the CPU
         dist.broadcast(seed, 0)  # where none was given torchrun's processes took their clocks'
-        _run(work, settings.replace(seed=int(seed)), team)
+        with watched_loaders():
+            work(settings.replace(seed=int(seed)), team)
         team.wait()  # nobody leaves while another may still need it
     finally:
         dist.destroy_process_group()

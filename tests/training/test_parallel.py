@@ -9,7 +9,7 @@ import sys
 import pytest
 import torch
 
-from tests.training.test_train import port
+from tests.training.test_train import RAW, port
 from training import parallel, train
 from training.errors import ToolError
 from training.settings import parse
@@ -99,6 +99,19 @@ def test_processes_have_one_seed(root, tmp_path, monkeypatch, given):
     seeds = re.findall(r"<(\d+)>", by_torchrun(SEEDS, root, tmp_path))
     assert len(seeds) == 2 and len(set(seeds)) == 1
     assert not given or seeds[0] == str(2**62 + 1)
+
+
+def test_what_only_the_first_process_cannot_do(raw, work, root):
+    """It saves alone. The others then lose the connection, which is nobody's concern."""
+    (work / "results" / "a").mkdir(parents=True)
+    (work / "results" / "a" / "checkpoints").touch()
+    done = subprocess.run([sys.executable, "-m", "training.train", *RAW, "-D", str(raw), "-r", "a",
+                           "-e", "2", "--save_epochs", "1", "-n", "2"], cwd=work, timeout=300,
+                          capture_output=True, text=True,
+                          env=os.environ | {"PYTHONPATH": str(root)})
+    said = [line for line in done.stderr.splitlines() if line.startswith("Error: ")]
+    assert done.returncode == 5 and "Traceback" not in done.stderr, done.stderr
+    assert len(said) == 2 and "checkpoint_1.pth: cannot write" in said[0]
 
 
 def test_an_interrupted_process_says_so(monkeypatch, capsys):
