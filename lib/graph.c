@@ -432,8 +432,8 @@ static void choose_forms(lull_graph *graph)
  * all pixels of a patch depend on all that its points are made of. */
 static unsigned reach(const lull_graph *graph, int is_exact)
 {
-    static const uint8_t radius[] = {
-        0, 1, 2, LULL_BILATERAL_FAR, LULL_CELLS_BESIDE, 1, 0, 0, LULL_GAIN_REACH, 0, LULL_FIT_REACH};
+    static const uint8_t radius[] = {0, 1, 2, LULL_BILATERAL_FAR, LULL_CELLS_BESIDE, 1,
+                                     0, 0, LULL_GAIN_REACH, 0, LULL_FIT_REACH};
     unsigned field = 0, noise = 0, align = 1u << graph->levels;
     for (unsigned i = 0; i < graph->layers; i++) {
         const lull_layer *layer = &graph->layer[i];

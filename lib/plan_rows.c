@@ -1,13 +1,11 @@
 /* Which rows of which tensor a plan makes, and how long they are needed. */
 #include "plan.h"
 
-#include "bilateral.h"
-
 /* Rows of a layer (before pooling) that `rows` of a source's `height` rows allow; `all` is the
  * number of rows of the layer. */
 static unsigned rows_ready(lull_reads reads, unsigned rows, unsigned height, unsigned all)
 {
-    static const uint8_t below[] = {0, 1, 2, LULL_BILATERAL_FAR, 1}; /* rows after y that are read */
+    static const uint8_t below[] = {0, 1, 2, LULL_BILATERAL_FAR, 1}; /* rows read after y */
     if (rows >= height)
         return all;
     if (reads == LULL_READS_CELL)
@@ -28,7 +26,8 @@ static unsigned rows_ready(lull_reads reads, unsigned rows, unsigned height, uns
 /* The first row of a source that a layer still needs whose next row (before pooling) is `row`. */
 static unsigned rows_needed(lull_reads reads, unsigned row)
 {
-    static const uint8_t above[] = {0, 1, 2, LULL_BILATERAL_FAR, LULL_CELLS_ABOVE, 1, 0, 0, 1, 0, 1};
+    static const uint8_t above[] = {
+        0, 1, 2, LULL_BILATERAL_FAR, LULL_CELLS_ABOVE, 1, 0, 0, 1, 0, 1};
     if (reads == LULL_READS_CELL)
         row = LULL_CELL * row;
     if (reads == LULL_READS_16TH)

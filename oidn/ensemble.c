@@ -2,8 +2,8 @@
  * picture that is turned as another one, and errs in another way (geometric self-ensemble; Lim et
  * al. 2017, Enhanced Deep Residual Networks for Single Image Super-Resolution, 3.3).
  *
- * The frame is turned by its strides, where it lies. All results are stored upright: the first where
- * their sum is kept, each other one in a picture of its own, and then added. */
+ * The frame is turned by its strides, where it lies. All results are stored upright: the first
+ * where their sum is kept, each other one in a picture of its own, and then added. */
 #include "internal.h"
 
 #include "../lib/image.h"

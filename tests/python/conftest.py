@@ -7,7 +7,10 @@ import sys
 from pathlib import Path
 from types import ModuleType
 
+import numpy as np
 import pytest
+
+from tests.apps.tools import scene
 
 
 @pytest.fixture(scope="session")
@@ -28,3 +31,14 @@ def lull(root: Path, library: Path) -> ModuleType:
         spec.loader.exec_module(module)
         module.load_library()
     return module
+
+
+@pytest.fixture(scope="module")
+def frame() -> dict[str, np.ndarray]:
+    return {k: v for k, v in scene(90, 120).items() if k != "clean"}
+
+
+@pytest.fixture(scope="module")
+def clean(lull, frame) -> np.ndarray:
+    """The frame, denoised."""
+    return lull.denoise(**frame, hdr=True)
