@@ -61,6 +61,9 @@ def methods(folder: Path) -> list[Method]:
                             speed.Entry("", oidn.theirs(), ("-q", quality))))
         found.append(Method(f"lull {quality}", "lull",
                             speed.Entry("", oidn.ours(), ("-q", quality))))
+    for n in speed.ENSEMBLES:
+        found.append(Method(f"lull high, mean of {n}", "lull",
+                            speed.Entry("", oidn.ours(), ("--ensemble", n))))
     built_in = (oidn.ROOT / "weights" / "builtin.def").read_text()
     for row in manifest.read(manifest.FOLDER / "MANIFEST"):
         path, features = manifest.FOLDER / row["file"], row["features"]

@@ -24,6 +24,7 @@ from bench import oidn, peer, pictures
 from bench.randomnet import write_random
 
 FEWEST, MOST = 3, 12  # frames of a run
+ENSEMBLES = "2", "4"  # orientations that high quality is measured with, too
 RUN_MSEC = 3000
 IMAGE_BYTES = 4 * 3 * 4  # of one pixel: colour, albedo, normal, output as float
 
@@ -64,6 +65,8 @@ def entries(folder: Path, ports: list[str]) -> list[Entry]:
             found.append(Entry(f"lull built-in {quality}", oidn.ours(), ("-q", quality)))
             found += [Entry(f"lull built-in {quality} {port}", oidn.ours(), ("-q", quality),
                             {"LULL_PORTS": port}) for port in ports]
+    found += [Entry(f"lull built-in high, mean of {n}", oidn.ours(), ("--ensemble", n))
+              for n in ENSEMBLES]
     return found
 
 

@@ -156,6 +156,6 @@ lull_status lull_ensemble_run(OIDNFilter filter, const lull_images *images, cons
             a.scales[0] = 1;
         upright.output = turned_result;
     }
-    restored = filter->plan ? plan_for(filter, 0) : LULL_OK;
+    restored = n > 1 && filter->plan ? plan_for(filter, 0) : LULL_OK;
     return status == LULL_OK ? restored : status;
 }
