@@ -28,7 +28,7 @@ from typing import Any
 
 import numpy as np
 
-from .library import Monitor, load_library
+from .native import Monitor, load_library
 
 __all__ = ["Cancelled", "Denoiser", "Error", "denoise", "load_library"]
 

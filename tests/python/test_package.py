@@ -43,7 +43,7 @@ def test_wheel(wheel, library, root):
     assert version.split(".") == re.findall(r"define LULL_VERSION_\w+ (\d+)", header)
     with zipfile.ZipFile(wheel) as z:
         files = {n for n in z.namelist() if n.startswith("lull/")}
-        assert files == {"lull/__init__.py", "lull/library.py", f"lull/{library.name}"}
+        assert files == {"lull/__init__.py", "lull/native.py", f"lull/{library.name}"}
         assert z.read(f"lull/{library.name}") == library.read_bytes()
     assert wheel.stat().st_size < 1_500_000
 
