@@ -151,8 +151,8 @@ static const option table[] = {
     TEXT("f filter", filter, "RT|RTLightmap", "filter (RT)"),
     WORD("q quality", quality, device_qualities, "default|h|high|b|balanced|f|fast|auto",
          "quality (high); auto: the least that the image needs"),
-    INT("ensemble", ensemble, 1, 4, "1|2|4",
-        "denoise it upright and turned, and take the mean: better, takes as many times as long"),
+    WORD("ensemble", ensemble, device_ensembles, "1|2|4",
+         "denoise it upright and turned, and take the mean: better, takes as many times as long"),
     FLOAT("is input_scale input-scale inputScale inputscale", input_scale, "X",
           "scale of the colour (chosen from the image)"),
     FLOAT("strength", strength, "0-1", "how much of the noise goes (1: what the filter removes)"),
@@ -225,8 +225,6 @@ static exit_code validate(const S *s)
     if (!s->files[IMAGE_COLOR] && s->files[IMAGE_ALBEDO] && s->files[IMAGE_NORMAL])
         return report_error(EXIT_USAGE,
                             "albedo and normals cannot be denoised together without a colour");
-    if (s->ensemble == 3)
-        return report_error(EXIT_USAGE, "--ensemble 3: 1, 2 or 4 is expected");
     if (s->input_scale < 0)
         return report_error(EXIT_USAGE, "--is %g: the scale of light is not negative",
                             (double)s->input_scale);

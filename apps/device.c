@@ -21,6 +21,7 @@ static const option_word type_words[] = {
     {NULL, 0},
 };
 
+const option_word device_ensembles[] = {{"1", 1}, {"2", 2}, {"4", 4}, {NULL, 0}};
 const option_word device_qualities[] = {
     {"default", OIDN_QUALITY_DEFAULT},
     {"high h", OIDN_QUALITY_HIGH},

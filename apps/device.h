@@ -22,6 +22,7 @@ device_settings device_settings_default(void);
  * valid. */
 int device_parse(device_settings *settings, const char *text);
 
+extern const option_word device_ensembles[]; /* orientations that results are means of */
 extern const option_word device_qualities[]; /* OIDNQuality, or LULL_QUALITY_AUTO */
 extern const option_word device_types[];     /* image_type: what float and half are called */
 

@@ -363,7 +363,7 @@ static const option table[] = {
     {OPTION_WORD, "t type", AT(type), 0, 0, device_types, NULL, 1, "float|half", "values (float)"},
     {OPTION_WORD, "q quality", AT(quality), 0, 0, device_qualities, NULL, 1,
      "default|h|high|b|balanced|f|fast|auto", "quality (high)"},
-    {OPTION_INT, "ensemble", AT(ensemble), 1, 4, NULL, NULL, 1, "1|2|4",
+    {OPTION_WORD, "ensemble", AT(ensemble), 0, 0, device_ensembles, NULL, 1, "1|2|4",
      "mean of so many orientations (1)"},
     {OPTION_TEXT, "w weights", AT(weights), 0, 0, NULL, NULL, 1, "FILE.tza",
      "network weights (the built-in ones)"},
@@ -399,10 +399,6 @@ int main(int argc, char **argv)
     s.ensemble = 1;
     if (options_parse(table, OPTIONS, &s, NULL, argc, argv))
         return report_refusal(EXIT_USAGE, argc, argv);
-    if (s.ensemble == 3) {
-        report_error(EXIT_USAGE, "--ensemble 3: 1, 2 or 4 is expected");
-        return report_refusal(EXIT_USAGE, argc, argv);
-    }
     if (s.is_help) {
         printf("oidnBenchmark: times the denoising of random images\nusage: oidnBenchmark ...\n\n");
         options_print(table, OPTIONS);
