@@ -62,12 +62,10 @@ typedef struct lull_smoothing {
 } lull_smoothing;
 
 /* How far the columns lie away that a smoothing looks at, and how far rows 2k and 2k + 1 of
- * `beside`, above and below; and how many of them it looks at. */
+ * `beside`, above and below. */
 static const int8_t lull_bilateral_column[] = {-LULL_BILATERAL_REACH, -2, 2, LULL_BILATERAL_REACH,
                                                -LULL_BILATERAL_FAR, LULL_BILATERAL_FAR, -4, 4};
 static const uint8_t lull_bilateral_away[] = {2, 4, LULL_BILATERAL_REACH, LULL_BILATERAL_FAR};
-LULL_INLINE unsigned lull_bilateral_columns(int is_far) { return is_far ? 8 : 4; }
-LULL_INLINE unsigned lull_bilateral_rows(int is_far) { return is_far ? 8 : 2; }
 
 /* Columns to either side. */
 LULL_INLINE int lull_bilateral_reach(int is_far)

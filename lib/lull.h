@@ -190,10 +190,10 @@ void lull_plan_get_info(const lull_plan *plan, lull_plan_info *info);
 typedef enum lull_type { LULL_F32 = 0, LULL_F16 = 1 } lull_type;
 
 /* A view of the caller's pixels. Strides are in bytes and need not be multiples of the element
- * size; pixels must not overlap. They may be negative, and a row's longer than a column's, so that
- * a picture is seen turned or mirrored where it lies. Bytes between pixels and rows are never
- * written. One channel stands for grey (x,x,x), two for (x,y,y); a grey output is the mean of the
- * three that come of it. */
+ * size; pixels must not overlap. They may be negative, and those of pixels longer than those of
+ * rows, so that a picture is seen turned or mirrored where it lies. Bytes between pixels and rows
+ * are never written. One channel stands for grey (x,x,x), two for (x,y,y); a grey output is the
+ * mean of the three that come of it. */
 typedef struct lull_image {
     void *data; /* first pixel, or NULL: no such image */
     lull_type type;

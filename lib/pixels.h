@@ -142,6 +142,10 @@ LULL_INLINE uint8_t lull_noise_code(const float *v, const float *f)
 #define LULL_NARROWEST 0.001f
 #define LULL_GUIDE_SCALE 0.012288f /* of squared differences of codes */
 
+/* Pixels of its row, and of its column, that a smoothing looks at. */
+LULL_INLINE unsigned lull_bilateral_columns(int is_far) { return is_far ? 8 : 4; }
+LULL_INLINE unsigned lull_bilateral_rows(int is_far) { return is_far ? 8 : 2; }
+
 /* The most that a width can be, and the weight of a pixel itself. */
 LULL_INLINE float lull_smoothing_widest(int is_far) { return is_far ? 0.67f : 0.6f; }
 LULL_INLINE float lull_smoothing_own(int is_far) { return is_far ? 2.5f : 1.0f; }

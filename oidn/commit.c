@@ -316,11 +316,9 @@ static bool make_engine_plan(OIDNFilter filter, const lull_frame *frame, const l
     if (!allocate(filter, 0, pictures, ladder, fault))
         return false;
     filter->plan_bytes = 0;
-    for (i = 2; i-- > 0;) {
+    for (i = pictures->orientations > 1 ? 2 : 1; i-- > 0;) {
         const lull_frame turned = lull_frame_turned(frame, i);
 
-        if (i >= pictures->orientations)
-            continue;
         filter->engine_plan[i] = engine->new_plan(engine, &turned, model, fault);
         if (!filter->engine_plan[i])
             return false;

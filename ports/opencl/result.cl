@@ -20,7 +20,8 @@ __constant char away_y[] = {-2, 2, -4, 4, -LULL_BILATERAL_REACH, LULL_BILATERAL_
 KERNEL_OF_PIXELS bilateral(__global uchar *memory, __global const uchar *model, lull_cl_filter a)
 {
     int x = get_global_id(0), y = get_global_id(1);
-    int is_far = (a.flags & LULL_CL_FAR) != 0, columns = is_far ? 8 : 4, rows = is_far ? 8 : 2;
+    int is_far = (a.flags & LULL_CL_FAR) != 0;
+    int columns = lull_bilateral_columns(is_far), rows = lull_bilateral_rows(is_far);
     float v[3], g[3], sum[3] = {0.0f, 0.0f, 0.0f}, weights = lull_smoothing_own(is_far);
     uchar2 here;
     if (x >= a.inside_width || y >= a.inside_height)
