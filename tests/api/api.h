@@ -122,6 +122,41 @@ static inline OIDNFilter new_identity(OIDNDevice device, float *in, float *out, 
     return filter;
 }
 
+/* A filter of float3 images, tight. Flags: a with albedo, n with normals, L a light map; h hdr, s
+ * srgb, d directional. */
+static inline OIDNFilter new_flagged(OIDNDevice device, const char *flags, float *const inputs[3],
+                                     float *output, size_t width, size_t height)
+{
+    OIDNFilter filter = oidnNewFilter(device, strchr(flags, 'L') ? "RTLightmap" : "RT");
+
+    oidnSetSharedFilterImage(filter, "color", inputs[0], F3, width, height, 0, 0, 0);
+    if (strchr(flags, 'a'))
+        oidnSetSharedFilterImage(filter, "albedo", inputs[1], F3, width, height, 0, 0, 0);
+    if (strchr(flags, 'n'))
+        oidnSetSharedFilterImage(filter, "normal", inputs[2], F3, width, height, 0, 0, 0);
+    oidnSetSharedFilterImage(filter, "output", output, F3, width, height, 0, 0, 0);
+    if (strchr(flags, 'h'))
+        oidnSetFilterBool(filter, "hdr", true);
+    if (strchr(flags, 's'))
+        oidnSetFilterBool(filter, "srgb", true);
+    if (strchr(flags, 'd'))
+        oidnSetFilterBool(filter, "directional", true);
+    ERROR(device, NONE);
+    return filter;
+}
+
+/* Megabytes that a filter needs at least, by the error of a commit with one. */
+static inline int least_megabytes(OIDNDevice device, OIDNFilter filter)
+{
+    const char *text = NULL, *number;
+
+    oidnSetFilterInt(filter, "maxMemoryMB", 1);
+    oidnCommitFilter(filter);
+    CHECK_EQ(oidnGetDeviceError(device, &text), MEMORY);
+    number = text ? strrchr(text, '(') : NULL;
+    return CHECK(number != NULL) ? (int)strtol(number + 1, NULL, 10) : 0;
+}
+
 /* Reproducible values in [0, 1). */
 static inline float noise(unsigned *state)
 {

@@ -53,23 +53,11 @@ static void fill_inputs(void (*fill)(float *to, float level), float level)
 
 /* ---- Filters --------------------------------------------------------------------------------- */
 
-/* Flags: a with albedo, n with normals, L a light map; h hdr, s srgb, d directional. */
 static OIDNFilter new_filter(OIDNDevice device, const char *flags, float *output, int quality)
 {
-    OIDNFilter filter = oidnNewFilter(device, strchr(flags, 'L') ? "RTLightmap" : "RT");
+    OIDNFilter filter =
+        new_flagged(device, flags, (float *[]){color, albedo, normal}, output, W, H);
 
-    oidnSetSharedFilterImage(filter, "color", color, F3, W, H, 0, 0, 0);
-    if (strchr(flags, 'a'))
-        oidnSetSharedFilterImage(filter, "albedo", albedo, F3, W, H, 0, 0, 0);
-    if (strchr(flags, 'n'))
-        oidnSetSharedFilterImage(filter, "normal", normal, F3, W, H, 0, 0, 0);
-    oidnSetSharedFilterImage(filter, "output", output, F3, W, H, 0, 0, 0);
-    if (strchr(flags, 'h'))
-        oidnSetFilterBool(filter, "hdr", true);
-    if (strchr(flags, 's'))
-        oidnSetFilterBool(filter, "srgb", true);
-    if (strchr(flags, 'd'))
-        oidnSetFilterBool(filter, "directional", true);
     oidnSetFilterInt(filter, "quality", quality);
     ERROR(device, NONE);
     return filter;
@@ -276,19 +264,12 @@ static void same_on_all_threads_and_ports(void)
     }
 }
 
-/* Megabytes that a filter of high quality needs at least, by the error of a commit with one. */
-static int least_megabytes(OIDNDevice device, const char *flags)
+/* Megabytes that high quality needs at least. */
+static int least_of_high(OIDNDevice device, const char *flags)
 {
     OIDNFilter filter = new_filter(device, flags, result, HIGH);
-    const char *text = NULL, *number;
-    int megabytes = 0;
+    const int megabytes = least_megabytes(device, filter);
 
-    oidnSetFilterInt(filter, "maxMemoryMB", 1);
-    oidnCommitFilter(filter);
-    CHECK_EQ(oidnGetDeviceError(device, &text), MEMORY);
-    number = text ? strrchr(text, '(') : NULL;
-    if (CHECK(number != NULL))
-        megabytes = (int)strtol(number + 1, NULL, 10);
     oidnReleaseFilter(filter);
     return megabytes;
 }
@@ -299,7 +280,7 @@ static int used_with_least(OIDNDevice device, const char *flags)
     OIDNFilter filter = new_filter(device, flags, result, AUTO);
     int quality;
 
-    oidnSetFilterInt(filter, "maxMemoryMB", least_megabytes(device, flags));
+    oidnSetFilterInt(filter, "maxMemoryMB", least_of_high(device, flags));
     oidnCommitFilter(filter);
     oidnExecuteFilter(filter);
     ERROR(device, NONE);
@@ -320,7 +301,7 @@ static void memory_is_limited(void)
     OURS();
     device = new_device();
     fill_inputs(fill_smooth, 1);
-    least = least_megabytes(device, "h");
+    least = least_of_high(device, "h");
     for (limit = least + 8; limit >= least; limit--) {
         filter = new_filter(device, "h", result, AUTO);
         oidnSetFilterInt(filter, "maxMemoryMB", limit);

@@ -56,37 +56,9 @@ static void turn(float *to, const float *from, unsigned turns)
 
 /* ---- Filters --------------------------------------------------------------------------------- */
 
-/* Flags: a with albedo, n with normals, L a light map; h hdr, s srgb, d directional. */
-static OIDNFilter new_filter(OIDNDevice device, const char *flags, const float *inputs[3],
-                             float *output, unsigned turns)
-{
-    const size_t width = columns(turns), height = W * H / width;
-    OIDNFilter filter = oidnNewFilter(device, strchr(flags, 'L') ? "RTLightmap" : "RT");
-
-    oidnSetSharedFilterImage(filter, "color", (void *)(size_t)inputs[0], F3, width, height, 0, 0,
-                             0);
-    if (strchr(flags, 'a'))
-        oidnSetSharedFilterImage(filter, "albedo", (void *)(size_t)inputs[1], F3, width, height, 0,
-                                 0, 0);
-    if (strchr(flags, 'n'))
-        oidnSetSharedFilterImage(filter, "normal", (void *)(size_t)inputs[2], F3, width, height, 0,
-                                 0, 0);
-    oidnSetSharedFilterImage(filter, "output", output, F3, width, height, 0, 0, 0);
-    if (strchr(flags, 'h'))
-        oidnSetFilterBool(filter, "hdr", true);
-    if (strchr(flags, 's'))
-        oidnSetFilterBool(filter, "srgb", true);
-    if (strchr(flags, 'd'))
-        oidnSetFilterBool(filter, "directional", true);
-    ERROR(device, NONE);
-    return filter;
-}
-
 static OIDNFilter new_upright(OIDNDevice device, const char *flags, float *output)
 {
-    const float *inputs[3] = {color, albedo, normal};
-
-    return new_filter(device, flags, inputs, output, 0);
+    return new_flagged(device, flags, (float *[]){color, albedo, normal}, output, W, H);
 }
 
 static void run(OIDNDevice device, OIDNFilter filter)
@@ -101,12 +73,13 @@ static void make_expected(OIDNDevice device, const char *flags, unsigned n)
 {
     static float inputs[3][VALUES], output[VALUES];
     const float *const upright[3] = {color, albedo, normal};
-    const float *turned[3] = {inputs[0], inputs[1], inputs[2]};
+    float *const turned[3] = {inputs[0], inputs[1], inputs[2]};
     unsigned turns;
     size_t i, c;
 
     for (turns = 0; turns < n; turns++) {
-        OIDNFilter filter = new_filter(device, flags, turned, output, turns);
+        OIDNFilter filter = new_flagged(device, flags, turned, output, columns(turns),
+                                        W * H / columns(turns));
 
         for (i = 0; i < 3; i++)
             turn(inputs[i], upright[i], turns);
@@ -297,11 +270,19 @@ static void output_may_overlap_inputs(void)
     oidnReleaseDevice(device);
 }
 
+/* 1 if no half is nearer to the value. */
+static int is_rounded(uint16_t half, float value)
+{
+    const int exponent = half >> 10 & 31, scale = exponent ? exponent : 1;
+    const float found = ldexpf((float)(half & 1023) + (exponent ? 1024 : 0), scale - 25);
+
+    return fabsf(found - value) <= ldexpf(1, scale - 26);
+}
+
 /* Sums are made in single precision, whatever the output has: what is rounded is their mean. */
 static void half_outputs_are_rounded_once(void)
 {
     static uint16_t half[VALUES];
-    static float wide[VALUES];
     OIDNDevice device;
     OIDNFilter filter, narrow;
     size_t i;
@@ -314,13 +295,8 @@ static void half_outputs_are_rounded_once(void)
     oidnSetSharedFilterImage(filter, "output", half, H3, W, H, 0, 0, 0);
     oidnSetFilterInt(filter, "ensemble", 4);
     run(device, filter);
-    for (i = 0; i < VALUES; i++) {
-        const int exponent = half[i] >> 10 & 31;
-
-        wide[i] = ldexpf((float)(half[i] & 1023) + (exponent ? 1024 : 0),
-                         (exponent ? exponent : 1) - 25);
-        CHECK(fabsf(wide[i] - expected[i]) <= ldexpf(1, (exponent ? exponent : 1) - 26));
-    }
+    for (i = 0; i < VALUES; i++)
+        CHECK(is_rounded(half[i], expected[i]));
     oidnReleaseFilter(filter);
     narrow = oidnNewFilter(device, "RT"); /* grey ones */
     for (i = 0; i < W * H; i++)
@@ -332,13 +308,8 @@ static void half_outputs_are_rounded_once(void)
     run(device, narrow);
     oidnSetSharedFilterImage(narrow, "output", result, F1, W, H, 0, 0, 0);
     run(device, narrow);
-    for (i = 0; i < W * H; i++) {
-        const int exponent = half[i] >> 10 & 31;
-
-        CHECK(fabsf(ldexpf((float)(half[i] & 1023) + (exponent ? 1024 : 0),
-                           (exponent ? exponent : 1) - 25) -
-                    result[i]) <= ldexpf(1, (exponent ? exponent : 1) - 26));
-    }
+    for (i = 0; i < W * H; i++)
+        CHECK(is_rounded(half[i], result[i]));
     oidnReleaseFilter(narrow);
     oidnReleaseDevice(device);
 }
@@ -453,18 +424,6 @@ static void goes_with_quality_auto(void)
         CHECK(memcmp(outputs[0], outputs[1], sizeof outputs[0]) == 0);
     }
     oidnReleaseDevice(device);
-}
-
-/* Megabytes that a filter needs at least, by the error of a commit with one. */
-static int least_megabytes(OIDNDevice device, OIDNFilter filter)
-{
-    const char *text = NULL, *number;
-
-    oidnSetFilterInt(filter, "maxMemoryMB", 1);
-    oidnCommitFilter(filter);
-    CHECK_EQ(oidnGetDeviceError(device, &text), MEMORY);
-    number = text ? strrchr(text, '(') : NULL;
-    return CHECK(number != NULL) ? (int)strtol(number + 1, NULL, 10) : 0;
 }
 
 static void memory_is_limited(void)
