@@ -79,9 +79,12 @@ void lull_cpus_detect(lull_cpus *cpus)
     int cpu;
 
     memset(cpus, 0, sizeof *cpus);
-    if (sched_getaffinity(0, sizeof set, &set) != 0) {
+    if (sched_getaffinity(0, sizeof set, &set) != 0) { /* forbidden, or more than CPU_SETSIZE */
+        long online = sysconf(_SC_NPROCESSORS_ONLN);
         CPU_ZERO(&set);
         CPU_SET(0, &set);
+        for (cpu = 1; cpu < online && cpu < CPU_SETSIZE; cpu++)
+            CPU_SET(cpu, &set);
     }
     for (cpu = 0; cpu < CPU_SETSIZE && cpus->listed < LULL_OS_MAX_CPUS; cpu++) {
         if (!CPU_ISSET(cpu, &set))

@@ -5,12 +5,18 @@
 #include "api.h"
 #include "threads.h"
 
+#include <errno.h>
 #include <fenv.h>
+#include <stddef.h>
 #include <sys/wait.h>
 #if defined(__linux__)
+#include <linux/filter.h>
+#include <linux/seccomp.h>
 #include <sched.h>
 #include <signal.h>
 #include <sys/mman.h>
+#include <sys/prctl.h>
+#include <sys/syscall.h>
 #endif
 
 #if defined(__SANITIZE_THREAD__)
@@ -51,6 +57,48 @@ static void thread_counts(void)
     free(first);
     free(out);
 }
+
+#if defined(__linux__) && LULL_WITH_THREADS
+static int default_threads(void)
+{
+    OIDNDevice device = new_device();
+    int threads = oidnGetDeviceInt(device, "numThreads");
+
+    oidnReleaseDevice(device);
+    return threads;
+}
+
+/* From here on the process cannot ask which CPUs it may use: a sandbox may forbid it, and the
+ * answer of a machine of more than 1024 CPUs does not fit. 0: the system has no such filters. */
+static int hide_cpus(void)
+{
+    struct sock_filter steps[] = {
+        BPF_STMT(BPF_LD | BPF_W | BPF_ABS, offsetof(struct seccomp_data, nr)),
+        BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, SYS_sched_getaffinity, 0, 1),
+        BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_ERRNO | EINVAL),
+        BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_ALLOW)};
+    struct sock_fprog program = {sizeof steps / sizeof *steps, steps};
+
+    return !prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) &&
+           !prctl(PR_SET_SECCOMP, SECCOMP_MODE_FILTER, &program);
+}
+static void threads_where_cpus_are_hidden(void)
+{
+    int threads = default_threads(), status = 0;
+    pid_t child;
+
+    if (is_peer())
+        SKIP("optional: Open Image Denoise has rules of its own");
+    fflush(NULL);
+    child = fork();
+    if (!child)
+        _exit(!hide_cpus() ? 2 : default_threads() < threads);
+    CHECK(waitpid(child, &status, 0) == child && WIFEXITED(status));
+    if (WEXITSTATUS(status) == 2)
+        SKIP("optional: this system has no filters of system calls");
+    CHECK(WEXITSTATUS(status) == 0);
+}
+#endif
 
 /* The result for an image of HDR noise, by weights that are not whole numbers. */
 static void denoise_noise(float *out)
@@ -491,6 +539,9 @@ int main(int argc, char **argv)
 {
     CHECK_MAIN(argc, argv);
     RUN(thread_counts);
+#if defined(__linux__) && LULL_WITH_THREADS
+    RUN(threads_where_cpus_are_hidden);
+#endif
     RUN(modes_of_floating_point);
 #if LULL_WITH_THREADS
     RUN(large_thread_data);
