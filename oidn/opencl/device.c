@@ -142,17 +142,21 @@ static bool choose_device(lull_opencl *cl, lull_fault *fault)
 {
     cl_device devices[MOST_DEVICES];
     const unsigned count = list_devices(&cl->api, devices);
-    const int asked = lull_env_int("LULL_OPENCL_DEVICE", -1);
-    const char *why;
+    const char *why, *number = getenv("LULL_OPENCL_DEVICE");
+    char *end;
+    long asked = -1;
     unsigned i;
 
     if (!count)
         return lull_fail(fault, OIDN_ERROR_UNSUPPORTED_HARDWARE,
                          "no OpenCL device: no driver of one is installed");
-    if (asked >= (int)count)
-        return lull_fail(fault, OIDN_ERROR_UNSUPPORTED_HARDWARE,
-                         "no OpenCL device has the number %d (LULL_OPENCL_DEVICE): there are %u",
-                         asked, count);
+    if (number && *number) {
+        asked = strtol(number, &end, 10);
+        if (*end || asked < 0 || asked >= (long)count)
+            return lull_fail(fault, OIDN_ERROR_UNSUPPORTED_HARDWARE,
+                             "no OpenCL device has the number %s (LULL_OPENCL_DEVICE): there "
+                             "are %u", number, count);
+    }
     for (i = 0; i < count && asked < 0; i++) {
         const bool is_gpu = info_number(&cl->api, devices[i], CL_DEVICE_TYPE, 8) &
                             CL_DEVICE_TYPE_GPU;

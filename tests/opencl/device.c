@@ -55,8 +55,11 @@ static void errors_name_what_is_missing(void)
                 "the library /nowhere/libNone.so.1 cannot be loaded");
     expect_none("LULL_OPENCL_LIBRARY", "libc.so.6",
                 "the library libc.so.6 has no function clGetPlatformIDs");
-    if (!why)
+    if (!why) {
         expect_none("LULL_OPENCL_DEVICE", "63", "no OpenCL device has the number 63");
+        expect_none("LULL_OPENCL_DEVICE", "gpu", "no OpenCL device has the number gpu");
+        expect_none("LULL_OPENCL_DEVICE", "-1", "no OpenCL device has the number -1");
+    }
 }
 
 static void device_tells_what_it_is(void)
