@@ -178,13 +178,21 @@ def test_hostile_exr_windows(refuses, work, exr, window):
     refuses(2, "--hdr", path, words=(path.name,))
 
 
-def test_exr_compression_of_the_future(refuses, work, exr):
-    """What a later OpenEXR wrote is not called corrupt."""
-    path = t.write_exr(work / "in.exr", t.planes("", np.ones((H, W, 3))))
+@pytest.mark.parametrize("kind", ["lines", "tiles", "another part"])
+def test_exr_compression_of_the_future(refuses, work, exr, kind):
+    """What a later OpenEXR wrote is not called corrupt, nor kept as if it were ZIP."""
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    if kind == "tiles":
+        tiles = OpenEXR.TileDescription()
+        tiles.xSize = tiles.ySize = 8
+        header |= {"type": OpenEXR.tiledimage, "tiles": tiles}
+    parts = [OpenEXR.Part(header | {"name": name}, t.planes("", np.ones((H, W, 3))), name)
+             for name in ("one", "two")]
+    OpenEXR.File(parts if kind == "another part" else parts[:1]).write(str(work / "in.exr"))
     start = b"compression\0compression\0\1\0\0\0"
-    data = path.read_bytes().replace(start + b"\3", start + b"\x7f")
-    path.write_bytes(data[:-9] + b"no deflate")
-    refuses(2, "--hdr", path, words=(path.name, "not supported by this OpenEXR"))
+    head, last = (work / "in.exr").read_bytes().rsplit(start, 1)
+    (work / "in.exr").write_bytes(head + start + b"\x7f" + last[1:-9] + b"no deflate")
+    refuses(2, "--hdr", "in.exr", words=("in.exr", "not supported by this OpenEXR"))
 
 
 def test_corrupt_exr_chunk(refuses, work, exr):
