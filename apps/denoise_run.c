@@ -45,6 +45,8 @@ exit_code denoise_run(const denoise_settings *settings)
     denoise_end(&session);
     if (code == EXIT_INTERRUPTED)
         report_error(code, "interrupted");
+    if (!code && !settings->is_json && !settings->output_count) /* all there is, is the text */
+        code = report_check_text();
     json_number(&report, "peak_memory_bytes", (double)platform_peak_memory());
     return report_end(&report, code, settings->is_json);
 }

@@ -404,11 +404,13 @@ int main(int argc, char **argv)
         options_print(table, OPTIONS);
         return EXIT_USAGE;
     }
-    if (s.is_list)
-        return for_each(&s, NULL, print_name);
+    if (s.is_list) {
+        for_each(&s, NULL, print_name);
+        return report_check_text();
+    }
     if (s.is_device_list) {
         device_print_list();
-        return EXIT_OK;
+        return report_check_text();
     }
     if (s.is_json)
         report_be_quiet();

@@ -19,7 +19,7 @@ int main(int argc, char **argv)
     }
     if (settings.is_list) {
         device_print_list();
-        return EXIT_OK;
+        return report_check_text();
     }
     if (settings.is_json)
         report_be_quiet();

@@ -181,8 +181,11 @@ def test_text_that_cannot_be_printed(build, work):
     if not os.path.exists("/dev/full"):
         pytest.skip("optional: no /dev/full")
     t.write_pfm(work / "a.pfm", t.noise(4, 4))
-    for arguments in ([], ["a.pfm"], ["--json"]):
+    for command in ("lullInfo", "lullInfo a.pfm", "lullInfo --json", "oidnDenoise a.pfm --check",
+                    "oidnDenoise a.pfm", "oidnDenoise --ld", "oidnBenchmark -l",
+                    "oidnBenchmark --ld"):
+        program, *arguments = command.split()
         with open("/dev/full", "w") as full:
-            done = subprocess.run([build / "bin" / "lullInfo", *arguments], stdout=full,
+            done = subprocess.run([build / "bin" / program, *arguments], stdout=full,
                                   stderr=subprocess.PIPE, text=True, check=False)
         assert done.returncode == 4 and "standard output" in done.stderr
