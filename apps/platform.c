@@ -104,9 +104,9 @@ static int process_id(void) { return _getpid(); }
 static FILE *stream_of(int descriptor) { return _fdopen(descriptor, "wb"); }
 static void close_descriptor(int descriptor) { _close(descriptor); }
 
-static int replace(const char *from, const char *to, int mode)
+static int replace(const char *from, const char *to, const struct stat *old)
 {
-    (void)mode;
+    (void)old;
     return MoveFileExA(from, to, MOVEFILE_REPLACE_EXISTING) ? 0 : EACCES;
 }
 
@@ -204,10 +204,14 @@ static int process_id(void) { return (int)getpid(); }
 static FILE *stream_of(int descriptor) { return fdopen(descriptor, "wb"); }
 static void close_descriptor(int descriptor) { close(descriptor); }
 
-static int replace(const char *from, const char *to, int mode)
+/* The new file is its owner's and group's, too, as far as this process may give it away: of
+ * another user's file they would lose it. */
+static int replace(const char *from, const char *to, const struct stat *old)
 {
-    if (mode)
-        (void)!chmod(from, (mode_t)mode);
+    if (old && chown(from, old->st_uid, old->st_gid))
+        (void)!chown(from, (uid_t)-1, old->st_gid);
+    if (old)
+        (void)!chmod(from, old->st_mode & 0777);
     return rename(from, to) ? errno : 0;
 }
 
@@ -344,15 +348,14 @@ int output_open(output_file *out, const char *path)
 int output_close(output_file *out)
 {
     struct stat info = {0};
-    int mode = stat(out->path, &info) == 0 ? (int)(info.st_mode & 0777) : 0;
-    int error = 0;
+    int is_new = stat(out->path, &info) != 0, error = 0;
     if (fflush(out->stream) || ferror(out->stream))
         error = errno ? errno : EIO;
     if (fclose(out->stream) && !error)
         error = errno ? errno : EIO;
     if (out->temporary) {
         if (!error)
-            error = replace(out->temporary, out->path, mode);
+            error = replace(out->temporary, out->path, is_new ? NULL : &info);
         if (error)
             remove(out->temporary);
     }

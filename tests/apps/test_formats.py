@@ -151,6 +151,19 @@ def test_protected_files_stay(build, identity):
         assert old.read_text() == "old"
 
 
+@pytest.mark.skipif(os.name != "posix" or os.geteuid() != 0,
+                    reason="optional: only root may give files away")
+def test_files_stay_their_owners(copy, work):
+    """And their modes, where another user's file is replaced."""
+    t.write_pfm(work / "in.pfm", t.noise(H, W))
+    (work / "out.pfm").write_text("old")
+    os.chown(work / "out.pfm", 65534, 65533)
+    (work / "out.pfm").chmod(0o640)
+    copy(work / "in.pfm", work / "out.pfm")
+    info = (work / "out.pfm").stat()
+    assert (info.st_uid, info.st_gid, info.st_mode & 0o7777) == (65534, 65533, 0o640)
+
+
 def test_exr_of_uint_channels(copy, work, exr):
     codes = np.random.default_rng(1).integers(0, 2, (H, W, 3)).astype(np.uint32)
     copy(t.write_exr(work / "in.exr", t.planes("", codes, dtype=np.uint32)), work / "out.pfm")
