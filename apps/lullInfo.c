@@ -427,6 +427,9 @@ static exit_code run(const settings *s, json *report)
             tell_opencl(report);
         return tell_builtin(s, report);
     }
+    if (!s->count)
+        return report_error(EXIT_USAGE, "--compare: there is no image to compare with '%s'",
+                            s->reference);
     if (s->reference) {
         code = load_linear(&reference, s->reference);
         scale = code ? 1 : display_scale(&reference);

@@ -159,6 +159,7 @@ def test_compare_errors(info, work):
     assert info("--compare", "a.pfm", "b.pfm").code == 2
     assert info("--compare", "none.pfm", "b.pfm").code == 2
     assert info("none.pfm").code == 2
+    assert "a.pfm" in info("--compare", "a.pfm").error  # and nothing to compare with it
     assert info("--nonsense").code == 1 and info("--help").code == 1
 
 
