@@ -18,12 +18,16 @@ PRESENT = {name: text for name, text in PAGES.items() if name != "docs/model-his
 OTHERS = re.compile(r"^Worth imitating.*?\n\n", re.M | re.S)  # a paragraph on other projects' files
 
 
-def option_names(path: str) -> set[str]:
-    """All spellings in a program's table of options, without dashes."""
+def option_rows(path: str) -> list[str]:
+    """A program's table of options: their spellings, without dashes."""
     rows = re.findall(r'\b(?:OPTION_(?!HEADING)\w+, |(?:CALL|FLAG|TEXT|WORD|INT|FLOAT)\()"([^"]+)"',
                       (ROOT / path).read_text())
     assert rows
-    return {name for row in rows for name in row.split()}
+    return rows
+
+
+def option_names(path: str) -> set[str]:
+    return {name for row in option_rows(path) for name in row.split()}
 
 
 @pytest.mark.parametrize("program", OPTION_TABLES)
@@ -34,6 +38,16 @@ def test_every_option_is_in_the_manual(program: str):
     text = sections[program] + sections["oidnDenoise"] * (program == "oidnBenchmark")
     named = {word.lstrip("-") for word in re.split(r"[\s`|()\[\],;]+", text)}
     assert not option_names(OPTION_TABLES[program]) - named
+
+
+@pytest.mark.parametrize("program", OPTION_TABLES)
+def test_every_option_is_in_the_man_page(program: str):
+    """By one of its spellings."""
+    page = (ROOT / "apps" / "man" / f"{program}.1").read_text().replace("\\-", "-")
+    words = re.split(r'(?:\\f.|[\s",|])+', page)
+    named = {word.lstrip("-") for word in words if word.startswith("-")}
+    rows = option_rows(OPTION_TABLES[program])
+    assert not [row for row in rows if not named.intersection(row.split())]
 
 
 def anchors(text: str) -> set[str]:
