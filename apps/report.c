@@ -7,7 +7,7 @@
 
 #include "platform.h"
 
-static char last_error[1024];
+static char last_error[9216]; /* two paths and the reason */
 static int is_quiet;
 static FILE *json_stream; /* NULL: stdout */
 

@@ -6,6 +6,7 @@ import errno
 import os
 import struct
 import zlib
+from pathlib import Path
 
 import numpy as np
 import OpenEXR
@@ -202,6 +203,12 @@ def test_corrupt_exr_chunk(refuses, work, exr):
     data[-60:-30] = bytes(range(30))
     path.write_bytes(data)
     refuses(2, "--hdr", path, words=(path.name, "corrupt"))
+
+
+def test_long_paths_leave_room_for_the_reason(denoise, work):
+    folder = Path(*["d" * 200] * 15)
+    (work / folder).mkdir(parents=True)
+    assert "No such file" in denoise(folder / "in.pfm").error
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
