@@ -51,10 +51,10 @@ static int set_positional(void *settings, const char *path)
 static int add_output(void *settings, const char *const *v)
 {
     S *s = settings;
-    if (s->output_count == MAX_OUTPUTS || !v[0][0])
-        return 1;
-    s->outputs[s->output_count++] = v[0];
-    return 0;
+    if (s->output_count < MAX_OUTPUTS)
+        s->outputs[s->output_count] = v[0];
+    s->output_count++;
+    return !v[0][0];
 }
 
 /* ROLE=LAYER */
@@ -216,6 +216,9 @@ static exit_code validate(const S *s)
     image_error error;
     if (!s->files[0] && !s->files[1] && !s->files[2])
         return report_error(EXIT_USAGE, "no input image specified");
+    if (s->output_count > MAX_OUTPUTS)
+        return report_error(EXIT_USAGE, "-o is given %d times; at most %d are supported",
+                            s->output_count, MAX_OUTPUTS);
     if (strcmp(s->filter, "RT") && strcmp(s->filter, "RTLightmap"))
         return report_error(EXIT_USAGE,
                             "option -f does not take '%s'; RT or RTLightmap is expected",

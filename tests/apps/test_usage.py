@@ -48,6 +48,12 @@ def test_usage_errors(denoise, work, arguments):
     assert done.out == ""
 
 
+def test_too_many_outputs(denoise, work):
+    t.write_pfm(work / "a.pfm", t.noise(8, 8))
+    done = denoise("a.pfm", *[word for n in range(9) for word in ("-o", f"{n}.pfm")])
+    assert done.code == 1 and "at most 8" in done.error
+
+
 @pytest.mark.parametrize("arguments", ["--foo", "--hdr a.pfm -q best", "-f XX --hdr a.pfm"])
 def test_json_of_a_usage_error(denoise, work, arguments):
     t.write_pfm(work / "a.pfm", t.noise(8, 8))
