@@ -40,18 +40,19 @@ void image_compare(comparison *result, const image *expected, const image *actua
         result->errors = result->values;
 }
 
-exit_code image_check_aligned(const image *img, const char *name, const image *main,
-                              const char *main_name)
+exit_code image_check_aligned(const image *img, const char *role, const char *name,
+                              const image *main, const char *main_name)
 {
     if (img->width != main->width || img->height != main->height)
-        return report_error(EXIT_INPUT, "'%s' has %zux%zu pixels, but '%s' has %zux%zu", name,
-                            img->width, img->height, main_name, main->width, main->height);
+        return report_error(EXIT_INPUT, "the %s of '%s' has %zux%zu pixels, but '%s' has %zux%zu",
+                            role, name, img->width, img->height, main_name, main->width,
+                            main->height);
     if (img->is_layered && main->is_layered && (img->left != main->left || img->top != main->top))
         return report_error(EXIT_INPUT,
-                            "the data window of '%s' (%s) begins at %d,%d, but that of '%s' (%s) "
-                            "at %d,%d",
-                            name, img->names[0], img->left, img->top, main_name, main->names[0],
-                            main->left, main->top);
+                            "the data window of the %s of '%s' begins at %d,%d, but that of '%s' "
+                            "(%s) at %d,%d",
+                            role, name, img->left, img->top, main_name, main->names[0], main->left,
+                            main->top);
     return EXIT_OK;
 }
 

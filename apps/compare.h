@@ -34,9 +34,10 @@ void image_compare(comparison *result, const image *expected, const image *actua
                    double max_error);
 
 /* INPUT, which it reports, if an image does not lie upon the main one pixel by pixel: other sizes,
- * or data windows of EXR files that begin elsewhere. The names are those of the files. */
-exit_code image_check_aligned(const image *img, const char *name, const image *main,
-                              const char *main_name);
+ * or data windows of EXR files that begin elsewhere. The names are those of the files, which
+ * may be one; role: what the image is of its. */
+exit_code image_check_aligned(const image *img, const char *role, const char *name,
+                              const image *main, const char *main_name);
 
 /* INPUT, which it reports, if the image has not a single finite value: it would come out black. */
 exit_code image_check_finite(const image *img, const char *name);

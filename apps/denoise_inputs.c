@@ -146,8 +146,9 @@ static exit_code check_aligned(const denoise_inputs *inputs)
     exit_code code = EXIT_OK;
     for (int i = 0; i < IMAGE_ROLES && !code; i++)
         if (inputs->images[i].pixels)
-            code = image_check_aligned(&inputs->images[i], inputs->paths[i],
-                                       &inputs->images[inputs->main], inputs->paths[inputs->main]);
+            code = image_check_aligned(&inputs->images[i], layers_role_name((image_role)i),
+                                       inputs->paths[i], &inputs->images[inputs->main],
+                                       inputs->paths[inputs->main]);
     return code;
 }
 

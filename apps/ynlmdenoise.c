@@ -128,7 +128,8 @@ static exit_code load(image *images, const settings *s)
             image_destroy(&images[i]);
             continue;
         }
-        if (image_check_aligned(&images[i], path, &images[IMAGE_COLOR], s->files[IMAGE_COLOR]))
+        if (image_check_aligned(&images[i], layers_role_name((image_role)i), path,
+                                &images[IMAGE_COLOR], s->files[IMAGE_COLOR]))
             return EXIT_INPUT;
         if (i == IMAGE_COLOR && image_check_finite(&images[i], path))
             return EXIT_INPUT;
