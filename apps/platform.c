@@ -237,7 +237,13 @@ static void on_interrupt(int number)
     signal(number, SIG_DFL);
 }
 
-void platform_catch_interrupt(void) { signal(SIGINT, on_interrupt); }
+void platform_catch_interrupt(void)
+{
+    /* A shell's background jobs ignore it: it is for those in the foreground. */
+    if (signal(SIGINT, SIG_IGN) != SIG_IGN)
+        signal(SIGINT, on_interrupt);
+}
+
 int platform_interrupted(void) { return interrupted != 0; }
 
 /* ---- Outputs --------------------------------------------------------------------------------- */

@@ -74,6 +74,12 @@ def test_progress_is_shown_to_a_person_only(build, denoise, identity, work):
 # ---- Interruption --------------------------------------------------------------------------------
 
 
+def heed_signals():
+    """In a new process: nohup has the one ignored, background jobs of scripts the other."""
+    for number in (signal.SIGHUP, signal.SIGINT):
+        signal.signal(number, signal.SIG_DFL)
+
+
 def test_interrupt_cancels(build, identity, work):
     t.write_pfm(work / "in.pfm", t.noise(512, 512))
     (work / "out.pfm").write_text("old")
@@ -89,7 +95,7 @@ def test_interrupt_cancels(build, identity, work):
         "out.pfm",
     ]
     with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=heed_signals
     ) as run:
         for line in run.stdout:
             if "hash=" in line:
@@ -101,14 +107,27 @@ def test_interrupt_cancels(build, identity, work):
     assert sorted(p.name for p in work.iterdir()) == ["in.pfm", "out.pfm"]
 
 
+def test_background_jobs_are_not_interrupted(build, identity, work):
+    """Shells without job control start them with the signal ignored."""
+    t.write_pfm(work / "in.pfm", t.noise(64, 64))
+    with subprocess.Popen(
+        [build / "bin" / "oidnDenoise", "--hdr", "in.pfm", "-w", identity[3], "-n", "200"],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_IGN),
+    ) as run:
+        run.stdout.readline()
+        run.send_signal(signal.SIGINT)
+        _, err = run.communicate(timeout=600)
+    assert run.returncode == 0 and err == ""
+
+
 def save_slowly(build, identity, work):
     """oidnDenoise at the beginning of a write of a second or more, over a file that is there."""
     t.write_pfm(work / "in.pfm", t.noise(1800, 1800))
     (work / "out.exr").write_text("old")
     command = [build / "bin" / "oidnDenoise", "--hdr", "in.pfm", "-w", identity[3], "-o", "out.exr"]
     run = subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_DFL),  # nohup has it ignored
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=heed_signals
     )
     for line in run.stdout:
         if "Saving" in line:
