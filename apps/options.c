@@ -8,6 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "platform.h"
 #include "report.h"
 
 /* 1 if n bytes are the same, but for upper and lower case if is_any_case. */
@@ -140,6 +141,7 @@ static int parse_option(const option *table, size_t count, void *settings, int a
 int options_parse(const option *table, size_t count, void *settings,
                   int (*positional)(void *settings, const char *argument), int argc, char **argv)
 {
+    platform_hold_standard();
     for (int i = 1; i < argc; i++) {
         if (argv[i][0] == '-') {
             if (parse_option(table, count, settings, argc, argv, &i))

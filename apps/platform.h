@@ -16,6 +16,10 @@ void platform_sleep(unsigned seconds);
 /* 1 if the stream is shown to a person. */
 int platform_is_terminal(FILE *stream);
 
+/* Keeps the numbers of standard streams that are closed from files that are opened later: a report
+ * or a picture would hold what is printed. Printing fails as before. */
+void platform_hold_standard(void);
+
 /* Sends stdout to stderr from here on and returns a stream to what it was; NULL, and stdout stays,
  * if one of them is closed. */
 FILE *platform_divert_stdout(void);

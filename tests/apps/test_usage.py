@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 from pathlib import Path
 
@@ -78,6 +79,15 @@ def test_json_that_cannot_be_written(build, identity, frame, work):
     with open("/dev/full", "w") as full:
         done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, cwd=work, text=True)
     assert done.returncode == 4 and "standard output" in done.stderr
+
+
+@pytest.mark.parametrize("arguments", ["none.pfm", "color.pfm -v 2"])
+def test_json_without_a_stderr(build, identity, frame, work, arguments):
+    """What has nowhere to go does not go into the object."""
+    done = subprocess.run(
+        ["sh", "-c", f'exec "$0" --json -w "$1" {arguments} 2>&-', build / "bin" / "oidnDenoise",
+         identity[3]], capture_output=True, text=True, check=False)
+    assert json.loads(done.stdout)["exit_code"] == done.returncode
 
 
 def test_messages_of_the_library_stay_out_of_json(denoise, benchmark, frame, monkeypatch):
