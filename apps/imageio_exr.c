@@ -159,6 +159,8 @@ static image_status reader_begin(reader *r, image *out, const exr_channels *list
     r->alpha = request->role == IMAGE_COLOR
                    ? find_alpha(channels, channels->entries[r->taken[0]].name.str)
                    : -1;
+    if (r->alpha >= 0 && r->wanted[r->alpha]) /* it is what is asked for, and has none itself */
+        r->alpha = -1;
     if (r->alpha >= 0) {
         r->wanted[r->alpha] = 1;
         out->alpha = malloc((size_t)width * (size_t)height * sizeof *out->alpha);

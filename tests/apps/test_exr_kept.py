@@ -54,6 +54,16 @@ def test_alpha_and_passes_by_further_calls(denoise, work):
         before = after
 
 
+def test_alpha_is_not_divided_by_itself(denoise, identity, work, png):
+    """Denoised for a PNG file it came out white."""
+    alpha = t.noise(20, 30, 1)[..., 0]
+    t.write_exr(work / "in.exr", t.planes("", t.noise(20, 30)) | {"A": alpha})
+    done = denoise("in.exr", "--layer", "color=A", "--no_aux", "-w", identity[3], "-o", "out.png")
+    codes, _ = t.read_png(work / "out.png")
+    assert done.code == 0 and codes.shape == (20, 30, 1)
+    assert np.abs(codes[..., 0] / 255 - t.srgb_encode(alpha)).max() < 0.003
+
+
 @pytest.mark.parametrize("compression", ["B44", "B44A"])
 @pytest.mark.parametrize("dtype", [np.float32, np.float16])
 @pytest.mark.parametrize("width, height, tile", [(32, 33, 0), (2, 33, 0), (33, 32, 16)])
