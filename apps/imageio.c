@@ -259,12 +259,29 @@ static image_status unknown_format(const unsigned char *head, size_t bytes, imag
                       "not an image of a supported format (exr, pfm, phm, png, hdr, ppm, pgm)");
 }
 
+/* A temporary file of what a pipe gives, beginning with the bytes that were read of it already:
+ * readers want to seek. NULL if it cannot be made. */
+static FILE *copy_pipe(FILE *pipe, const unsigned char *head, size_t bytes)
+{
+    char block[4096];
+    FILE *copy = tmpfile();
+    int is_whole = copy && fwrite(head, 1, bytes, copy) == bytes;
+    while (is_whole && (bytes = fread(block, 1, sizeof block, pipe)) > 0)
+        is_whole = fwrite(block, 1, bytes, copy) == bytes;
+    if (is_whole && !ferror(pipe) && !fflush(copy) && !platform_seek(copy, 0))
+        return copy;
+    if (copy)
+        fclose(copy);
+    return NULL;
+}
+
 image_status image_read_stream(image *out, FILE *file, const image_request *request,
                                image_error *error)
 {
     unsigned char head[24];
     size_t bytes;
     const image_format *format;
+    FILE *source = file;
     image_status status;
 
     memset(out, 0, sizeof *out);
@@ -279,9 +296,16 @@ image_status image_read_stream(image *out, FILE *file, const image_request *requ
     if (!format->is_available)
         return image_fail(error, IMAGE_ERROR_FORMAT, "%s is not supported by this build",
                           format->name);
-    if (platform_seek(file, 0))
-        return image_fail(error, IMAGE_ERROR_OPEN, "not a regular file");
-    status = format->read(out, file, request, error);
+    if (platform_seek(file, 0)) {
+        if (format->read == image_read_exr) /* whose layers are read one by one, and copied */
+            return image_fail(error, IMAGE_ERROR_OPEN, "OpenEXR is not read from pipes");
+        source = copy_pipe(file, head, bytes);
+        if (!source)
+            return image_fail(error, IMAGE_ERROR_OPEN, "cannot copy the pipe to a temporary file");
+    }
+    status = format->read(out, source, request, error);
+    if (source != file)
+        fclose(source);
     if (status)
         image_destroy(out);
     return status;

@@ -97,3 +97,19 @@ def test_messages_of_the_library_stay_out_of_json(denoise, benchmark, frame, mon
     done = benchmark("-r", "RTLightmap.*", "-s", 32, 32, "-n", 1, "--json")
     assert done.code == 0 and done.json["exit_code"] == 0 and "Threads :" in done.err
     assert "Threads :" in denoise("--hdr", "color.pfm").out
+
+
+@pytest.mark.parametrize("script", ["cat in.pfm | $0 --hdr /dev/stdin $@",
+                                    "mkfifo fifo.pfm; cat in.pfm >fifo.pfm & $0 --hdr fifo.pfm $@"])
+def test_images_from_pipes(build, identity, work, script):
+    """As Open Image Denoise's program reads them; not OpenEXR, whose layers are read again."""
+    image = t.noise(40, 50)
+    t.write_pfm(work / "in.pfm", image)
+    command = ["sh", "-c", script, build / "bin" / "oidnDenoise", "-w", identity[3], "-o", "o.pfm"]
+    done = subprocess.run(command, cwd=work, capture_output=True, timeout=60, check=False)
+    assert done.returncode == 0, done.stderr
+    assert t.equal(t.read_pfm(work / "o.pfm"), image)
+    (work / "fifo.pfm").unlink(missing_ok=True)
+    (work / "in.pfm").write_bytes(b"\x76\x2f\x31\x01" + bytes(100))
+    done = subprocess.run(command, cwd=work, capture_output=True, timeout=60, check=False)
+    assert done.returncode == 2 and (b"pipes" in done.stderr or b"not supported" in done.stderr)
