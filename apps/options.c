@@ -93,6 +93,8 @@ static int bad_value(const option *o, const char *argument, const char *value)
                  o->high);
     else if (o->kind == OPTION_INT)
         snprintf(expected, sizeof expected, "; a number of at least %d is expected", o->low);
+    else if (o->kind == OPTION_FLOAT)
+        snprintf(expected, sizeof expected, "; a number such as 0.5 is expected");
     else if (o->argument)
         snprintf(expected, sizeof expected, "; %s is expected", o->argument);
     report_error(EXIT_USAGE, "option %s does not take '%s'%s", argument, value, expected);

@@ -49,6 +49,13 @@ def test_usage_errors(denoise, work, arguments):
     assert done.out == ""
 
 
+@pytest.mark.parametrize("value", ["1,5", "half", "inf"])
+def test_values_that_are_no_numbers(denoise, value):
+    """As people write them whose decimal sign is a comma."""
+    done = denoise("a.pfm", "--is", value)
+    assert done.code == 1 and value in done.error and "a number" in done.error
+
+
 def test_too_many_outputs(denoise, work):
     t.write_pfm(work / "a.pfm", t.noise(8, 8))
     done = denoise("a.pfm", *[word for n in range(9) for word in ("-o", f"{n}.pfm")])
