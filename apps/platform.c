@@ -106,9 +106,14 @@ static int process_id(void) { return _getpid(); }
 static FILE *stream_of(int descriptor) { return _fdopen(descriptor, "wb"); }
 static void close_descriptor(int descriptor) { _close(descriptor); }
 
-static int replace(const char *from, const char *to, const struct stat *old)
+static void inherit(FILE *stream, const struct stat *old)
 {
+    (void)stream;
     (void)old;
+}
+
+static int replace(const char *from, const char *to)
+{
     return MoveFileExA(from, to, MOVEFILE_REPLACE_EXISTING) ? 0 : EACCES;
 }
 
@@ -216,16 +221,17 @@ static int process_id(void) { return (int)getpid(); }
 static FILE *stream_of(int descriptor) { return fdopen(descriptor, "wb"); }
 static void close_descriptor(int descriptor) { close(descriptor); }
 
-/* The new file is its owner's and group's, too, as far as this process may give it away: of
- * another user's file they would lose it. */
-static int replace(const char *from, const char *to, const struct stat *old)
+/* A new file is that of the owner and group of the one that it replaces, as far as this process may
+ * give it away: of another user's file they would lose it. */
+static void inherit(FILE *stream, const struct stat *old)
 {
-    if (old && chown(from, old->st_uid, old->st_gid))
-        (void)!chown(from, (uid_t)-1, old->st_gid);
-    if (old)
-        (void)!chmod(from, old->st_mode & 0777);
-    return rename(from, to) ? errno : 0;
+    int descriptor = fileno(stream);
+    if (fchown(descriptor, old->st_uid, old->st_gid))
+        (void)!fchown(descriptor, (uid_t)-1, old->st_gid);
+    (void)!fchmod(descriptor, old->st_mode & 0777);
 }
+
+static int replace(const char *from, const char *to) { return rename(from, to) ? errno : 0; }
 
 #endif
 
@@ -366,14 +372,16 @@ int output_open(output_file *out, const char *path)
 int output_close(output_file *out)
 {
     struct stat info = {0};
-    int is_new = stat(out->path, &info) != 0, error = 0;
+    int error = 0;
     if (fflush(out->stream) || ferror(out->stream))
         error = errno ? errno : EIO;
+    if (out->temporary && stat(out->path, &info) == 0)
+        inherit(out->stream, &info);
     if (fclose(out->stream) && !error)
         error = errno ? errno : EIO;
     if (out->temporary) {
         if (!error)
-            error = replace(out->temporary, out->path, is_new ? NULL : &info);
+            error = replace(out->temporary, out->path);
         if (error)
             remove(out->temporary);
     }
