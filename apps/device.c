@@ -159,7 +159,9 @@ void *device_load_weights(const char *path, size_t *size)
     if (data && *size == (size_t)bytes)
         return data;
     report_error(EXIT_INPUT, "cannot read '%s': %s", path,
-                 bytes == 0 ? "the file is empty" : "not a weights file");
+                 bytes == 0  ? "the file is empty"
+                 : bytes < 0 ? "not a regular file"
+                             : "not a weights file");
     free(data);
     return NULL;
 }

@@ -88,7 +88,8 @@ static int is_weights(const char *path)
 {
     unsigned char head[2] = {0, 0};
     FILE *file = platform_is_directory(path) ? NULL : fopen(path, "rb");
-    size_t n = file ? fread(head, 1, 2, file) : 0;
+    /* A pipe gives its bytes once, to who reads the picture. */
+    size_t n = file && platform_file_size(file) >= 0 ? fread(head, 1, 2, file) : 0;
     if (file)
         fclose(file);
     return n == 2 && head[0] == 0xd7 && head[1] == 0x41;

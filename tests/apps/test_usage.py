@@ -116,6 +116,9 @@ def test_images_from_pipes(build, identity, work, script):
     done = subprocess.run(command, cwd=work, capture_output=True, timeout=60, check=False)
     assert done.returncode == 0, done.stderr
     assert t.equal(t.read_pfm(work / "o.pfm"), image)
+    told = subprocess.run(["sh", "-c", "cat in.pfm | $0 /dev/stdin", build / "bin" / "lullInfo"],
+                          cwd=work, capture_output=True, text=True, timeout=60, check=False)
+    assert "50x40" in told.stdout, told.stderr
     (work / "fifo.pfm").unlink(missing_ok=True)
     (work / "in.pfm").write_bytes(b"\x76\x2f\x31\x01" + bytes(100))
     done = subprocess.run(command, cwd=work, capture_output=True, timeout=60, check=False)
