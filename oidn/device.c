@@ -29,6 +29,7 @@ static void apply_environment(OIDNDevice device)
     }
     if (lull_env_is_set("OIDN_SET_AFFINITY"))
         device->affinity_asked = true;
+    device->values[lull_value_set_affinity].i = device->values[lull_value_set_affinity].i != 0;
 }
 
 /* The variable that fixes this parameter, or NULL. */

@@ -1,6 +1,7 @@
 /* Parameters by name, driven by params.def, and environment variables. */
 #include "internal.h"
 
+#include <limits.h>
 #include <math.h>
 #include <stdarg.h>
 #include <stdio.h>
@@ -107,8 +108,12 @@ int lull_env_is_set(const char *name)
 int lull_env_int(const char *name, int otherwise)
 {
     const char *text = getenv(name);
+    long value;
 
-    return text && *text ? (int)strtol(text, NULL, 10) : otherwise;
+    if (!text || !*text)
+        return otherwise;
+    value = strtol(text, NULL, 10);
+    return value > INT_MAX ? INT_MAX : value < INT_MIN ? INT_MIN : (int)value;
 }
 
 void lull_warn(int verbose, const char *format, ...)

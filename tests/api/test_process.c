@@ -7,6 +7,7 @@
 
 #include <errno.h>
 #include <fenv.h>
+#include <limits.h>
 #include <stddef.h>
 #include <sys/wait.h>
 #if defined(__linux__)
@@ -327,6 +328,24 @@ static int no_affinity(void)
     return !ok;
 }
 
+static int affinity_is_one(void)
+{
+    OIDNDevice device = oidnNewDevice(OIDN_DEVICE_TYPE_CPU);
+    const int ok = oidnGetDeviceInt(device, "setAffinity") == 1;
+
+    oidnReleaseDevice(device);
+    return !ok;
+}
+
+static int most_threads(void)
+{
+    OIDNDevice device = oidnNewDevice(OIDN_DEVICE_TYPE_CPU);
+    const int ok = oidnGetDeviceInt(device, "numThreads") == INT_MAX;
+
+    oidnReleaseDevice(device);
+    return !ok;
+}
+
 static int verbose_two(void)
 {
     OIDNDevice device;
@@ -372,6 +391,8 @@ static void environment(void)
     CHECK_EQ(in_child("OIDN_NUM_THREADS", "1", one_thread), 0);
     CHECK_EQ(in_child("OIDN_SET_AFFINITY", "0", no_affinity), 0);
     CHECK_EQ(in_child("OIDN_SET_AFFINITY", "false", no_affinity), 0);
+    CHECK_EQ(in_child("OIDN_SET_AFFINITY", "8", affinity_is_one), 0);
+    CHECK_EQ(in_child("OIDN_NUM_THREADS", "4294967297", most_threads), 0);
     CHECK_EQ(in_child("OIDN_VERBOSE", "2", verbose_two), 0);
     for (i = 0; i < COUNT(defaults); i++)
         CHECK_EQ(in_child("OIDN_DEFAULT_DEVICE", defaults[i], default_device), 0);
