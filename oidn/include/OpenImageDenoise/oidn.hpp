@@ -172,21 +172,21 @@ typedef void (*ErrorFunction)(void *userPtr, Error code, const char *message);
 
 /* Owner of one reference to an object of the C interface. Constructing from a C handle takes over
  * the caller's reference; assigning one adds a reference. */
-template <typename T, void (*retainFn)(T), void (*releaseFn)(T)> class Handle {
+template <typename T, void (*retainFn)(T), void (*releaseFn)(T)> class CountedRef {
 public:
-    Handle() noexcept : handle_(nullptr) {}
-    Handle(T handle) noexcept : handle_(handle) {}
-    Handle(const Handle &other) : handle_(other.handle_) { retain(handle_); }
-    Handle(Handle &&other) noexcept : handle_(other.handle_) { other.handle_ = nullptr; }
-    ~Handle() { release(); }
+    CountedRef() noexcept : handle_(nullptr) {}
+    CountedRef(T handle) noexcept : handle_(handle) {}
+    CountedRef(const CountedRef &other) : handle_(other.handle_) { retain(handle_); }
+    CountedRef(CountedRef &&other) noexcept : handle_(other.handle_) { other.handle_ = nullptr; }
+    ~CountedRef() { release(); }
 
-    Handle &operator=(const Handle &other) { return *this = other.handle_; }
-    Handle &operator=(Handle &&other) noexcept
+    CountedRef &operator=(const CountedRef &other) { return *this = other.handle_; }
+    CountedRef &operator=(CountedRef &&other) noexcept
     {
         std::swap(handle_, other.handle_);
         return *this;
     }
-    Handle &operator=(T other)
+    CountedRef &operator=(T other)
     {
         retain(other);
         release();
@@ -214,10 +214,10 @@ private:
     }
 };
 
-class BufferRef : public Handle<OIDNBuffer, oidnRetainBuffer, oidnReleaseBuffer> {
+class BufferRef : public CountedRef<OIDNBuffer, oidnRetainBuffer, oidnReleaseBuffer> {
 public:
-    using Handle::Handle;
-    using Handle::operator=;
+    using CountedRef::CountedRef;
+    using CountedRef::operator=;
     BufferRef() = default;
 
     size_t getSize() const { return oidnGetBufferSize(handle_); }
@@ -242,17 +242,17 @@ public:
     }
 };
 
-class SemaphoreRef : public Handle<OIDNSemaphore, oidnRetainSemaphore, oidnReleaseSemaphore> {
+class SemaphoreRef : public CountedRef<OIDNSemaphore, oidnRetainSemaphore, oidnReleaseSemaphore> {
 public:
-    using Handle::Handle;
-    using Handle::operator=;
+    using CountedRef::CountedRef;
+    using CountedRef::operator=;
     SemaphoreRef() = default;
 };
 
-class FilterRef : public Handle<OIDNFilter, oidnRetainFilter, oidnReleaseFilter> {
+class FilterRef : public CountedRef<OIDNFilter, oidnRetainFilter, oidnReleaseFilter> {
 public:
-    using Handle::Handle;
-    using Handle::operator=;
+    using CountedRef::CountedRef;
+    using CountedRef::operator=;
     FilterRef() = default;
 
     void setImage(const char *name, const BufferRef &buffer, Format format, size_t width,
@@ -322,10 +322,10 @@ template <> inline float FilterRef::get(const char *name) const
     return oidnGetFilterFloat(handle_, name);
 }
 
-class DeviceRef : public Handle<OIDNDevice, oidnRetainDevice, oidnReleaseDevice> {
+class DeviceRef : public CountedRef<OIDNDevice, oidnRetainDevice, oidnReleaseDevice> {
 public:
-    using Handle::Handle;
-    using Handle::operator=;
+    using CountedRef::CountedRef;
+    using CountedRef::operator=;
     DeviceRef() = default;
 
     void set(const char *name, bool value) { oidnSetDeviceBool(handle_, name, value); }
