@@ -99,7 +99,8 @@ typedef struct lull_model_info {
     unsigned inputs;     /* input channels of the network: 3 per image feature of direct ones; 12 of
                           * kernel prediction, which takes any features */
     unsigned is_integer; /* 1: int8 weights, integer arithmetic; 0: fp16 weights, fp32 arithmetic */
-    unsigned alignment;  /* frame sizes are padded to multiples of this inside (16) */
+    unsigned alignment;  /* frame sizes are padded to multiples of this inside (16); parts of a
+                          * frame that a host denoises by themselves begin at multiples of it */
     unsigned overlap;    /* pixels of context beside a strip that it depends on (96 to 352) */
     uint64_t parameters; /* weights and biases */
     uint64_t macs_per_pixel; /* multiply-adds per pixel of the network as written, unfolded */

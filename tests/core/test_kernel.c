@@ -306,6 +306,70 @@ static void calm_and_ragged_are_the_picture_s(void)
     free(weights);
 }
 
+/* Columns [begin, end) of a frame that is tight, denoised with `overlap` more on either side. */
+static void run_tile(const lull_model *model, lull_images images, const lull_frame *whole,
+                     unsigned begin, unsigned end, unsigned overlap)
+{
+    const unsigned left = begin < overlap ? begin : overlap;
+    const unsigned right = whole->width - end < overlap ? whole->width - end : overlap;
+    lull_frame frame = *whole;
+    size_t bytes, row = (size_t)3 * sizeof(float);
+    float *output = images.output.data, *tile;
+    lull_plan *plan;
+    void *memory;
+    frame.width = left + (end - begin) + right;
+    bytes = lull_plan_size(&frame, model);
+    memory = aligned(bytes);
+    tile = malloc(frame.height * frame.width * row);
+    CHECK_EQ(lull_plan_init(&plan, memory, bytes, &frame, model), LULL_OK);
+    images.color.data = (float *)images.color.data + 3 * (size_t)(begin - left);
+    images.color.row_stride = (ptrdiff_t)(whole->width * row);
+    images.output.data = tile;
+    CHECK_EQ(lull_run(plan, &images, NULL), LULL_OK);
+    for (unsigned y = 0; y < frame.height; y++)
+        memcpy(output + 3 * ((size_t)y * whole->width + begin),
+               tile + 3 * ((size_t)y * frame.width + left), (end - begin) * row);
+    free(tile);
+    free(memory);
+}
+
+/* A host's tiles make the whole frame if they overlap by as much as is told and begin at multiples
+ * of the alignment. */
+static void tiles_make_the_frame(void)
+{
+    static const char *const networks[] = {"weights/kernel5_8.tza", "weights/rt_hdr_w16.tza"};
+    for (unsigned n = 0; n < 2; n++) {
+        lull_model *model = load_model(networks[n]);
+        const lull_frame frame = lull_frame_default(530, 40, LULL_HDR, LULL_HAS_COLOR);
+        const size_t values = 530 * 40 * 3;
+        float *in = malloc(values * sizeof *in), *out = malloc(values * sizeof *in);
+        float *tiled = malloc(values * sizeof *in);
+        const size_t bytes = lull_plan_size(&frame, model);
+        void *memory = aligned(bytes);
+        lull_images images = {0};
+        lull_model_info info;
+        lull_plan *plan;
+        for (size_t i = 0; i < values; i++)
+            in[i] = 0.2f + chance((uint32_t)i);
+        images.color = (lull_image){in, LULL_F32, 3, 0, 0};
+        images.output = (lull_image){out, LULL_F32, 3, 0, 0};
+        images.input_scale = images.calm = images.ragged = NAN;
+        lull_model_get_info(model, &info);
+        CHECK_EQ(lull_plan_init(&plan, memory, bytes, &frame, model), LULL_OK);
+        CHECK_EQ(lull_measure(&images, plan, NULL), LULL_OK);
+        CHECK_EQ(lull_run(plan, &images, NULL), LULL_OK);
+        images.output.data = tiled;
+        run_tile(model, images, &frame, 0, 15 * info.alignment, info.overlap);
+        run_tile(model, images, &frame, 15 * info.alignment, 530, info.overlap);
+        CHECK(memcmp(out, tiled, values * sizeof *out) == 0);
+        free(memory);
+        free(tiled);
+        free(out);
+        free(in);
+        free(model);
+    }
+}
+
 int main(int argc, char **argv)
 {
     CHECK_MAIN(argc, argv);
@@ -313,5 +377,6 @@ int main(int argc, char **argv)
     RUN(equals_the_reference);
     RUN(wide_frames_do_not_depend_on_threads_and_strips);
     RUN(calm_and_ragged_are_the_picture_s);
+    RUN(tiles_make_the_frame);
     return check_report();
 }
