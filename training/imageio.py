@@ -11,12 +11,13 @@ import sys
 import zlib
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from training.errors import DATA, DEPENDENCY, OUTPUT, USAGE, ToolError
-from training.layers import find_channels
+from training.exr_channels import Channels, Origin, names_of
+from training.layers import find_own
 from training.png import read_png, write_png
 
 LINEAR_FORMATS = ("exr", "pfm", "phm", "hdr")
@@ -60,9 +61,8 @@ def _openexr():
     return OpenEXR
 
 
-def read_exr_channels(path: Path) -> dict[str, np.ndarray]:
-    """All channels of a file by name, [H,W] float32, deep ones left out; in a multipart file the
-    plain channels of a part (R, G, B) stand under its name."""
+def read_exr_channels(path: Path) -> Channels:
+    """All channels of a file by name, [H,W] float32, deep ones left out."""
     exr = _openexr()
     try:
         path.open("rb").close()
@@ -70,16 +70,16 @@ def read_exr_channels(path: Path) -> dict[str, np.ndarray]:
         raise ToolError(f"{path}: cannot read ({e.strerror})", DATA) from e
     try:
         with silent(), exr.File(str(path), separate_channels=True) as f:
-            channels = {}
+            channels = Channels()
             for part in f.parts:
                 if part.type() not in (exr.scanlineimage, exr.tiledimage):
                     continue
-                prefix = f"{part.name()}." if len(f.parts) > 1 and part.name() else ""
                 if any((c.xSampling, c.ySampling) != (1, 1) for c in part.channels.values()):
                     raise ToolError(f"{path}: subsampled channels are not supported", DATA)
-                for name, c in part.channels.items():
-                    key = name if "." in name else prefix + name
-                    channels.setdefault(key, np.asarray(c.pixels, np.float32))
+                origin = tuple(map(int, part.header["dataWindow"][0]))
+                for name, full, plain in names_of(f.parts, part):
+                    pixels = np.asarray(part.channels[name].pixels, np.float32)
+                    channels.add(full, plain, pixels, origin)
     except ToolError:
         raise
     except Exception as e:  # the package raises plain RuntimeError and ValueError
@@ -91,21 +91,33 @@ def read_exr_channels(path: Path) -> dict[str, np.ndarray]:
 
 
 def read_exr(path: Path) -> np.ndarray:
-    """The picture of an EXR: its layer of colour (plain R,G,B or X,Y,Z before named ones), else Y,
-    else Z, else its only channels, [H,W,C<=3]."""
+    """The picture of an EXR, as of read_placed."""
+    return read_placed(path)[0]
+
+
+def read_placed(path: Path, feature: str = "hdr") -> tuple[np.ndarray, Origin]:
+    """The picture of an EXR and where its data window begins: the layer of its feature, else that
+    of colour (plain R,G,B or X,Y,Z before named ones), else Z, else its only channels,
+    [H,W,C<=3]."""
     channels = read_exr_channels(path)
-    for names in (find_channels("hdr", channels), ("Y",), ("Z",)):
+    for names in (find_own(feature, channels), find_own("hdr", channels), ("Z",)):
         if names and all(n in channels for n in names):
-            return np.stack([channels[n] for n in names], -1)
+            return stack(path, channels, names), channels.origins[names[0]]
     layers = {n.rpartition(".")[0] for n in channels}
     if len(layers) > 1:
         raise ToolError(f"{path}: several layers and no colour among them "
                         f"({', '.join(channels)})", DATA)
     tails = {n.rpartition(".")[2].upper(): n for n in channels}
-    for tail in ("RGB", "XYZ"):
-        if all(t in tails for t in tail):
-            return np.stack([channels[tails[t]] for t in tail], -1)
-    return np.stack(list(channels.values())[:3], -1)
+    names = next(([tails[t] for t in tail] for tail in ("RGB", "XYZ") if set(tail) <= set(tails)),
+                 list(channels)[:3])
+    return stack(path, channels, names), channels.origins[names[0]]
+
+
+def stack(path: Path, channels: Channels, names: Sequence[str]) -> np.ndarray:
+    """[H,W,C] of the channels of these names."""
+    if len({(channels[n].shape, channels.origins[n]) for n in names}) > 1:
+        raise ToolError(f"{path}: {', '.join(names)} differ in their data windows", DATA)
+    return np.stack([channels[n] for n in names], -1)
 
 
 def _tokens(f, count: int) -> list[bytes]:

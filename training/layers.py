@@ -8,6 +8,8 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from training.exr_channels import Channels
+
 # Layers by feature, in order of preference; "" is a layer without a name (plain R, G, B).
 LAYERS: dict[str, tuple[str, ...]] = {
     "hdr": ("", "Noisy Image", "Beauty", "Combined", "Image", "rgba", "rgb", "color", "C"),
@@ -15,6 +17,7 @@ LAYERS: dict[str, tuple[str, ...]] = {
             "diffuse_albedo", "OptixAlbedo", "DiffuseFilter", "VRayDiffuseFilter", "diffuse"),
     "nrm": ("Denoising Normal", "normal", "sh_normal", "Ns", "N", "Nn", "Normals",
             "VisibleNormals", "OptixNormals", "BumpNormals", "VRayNormals"),
+    "motion": ("Vector", "motion", "motionvector", "Motion Vector", "MotionVectors", "velocity"),
     "z": ("Denoising Depth", "", "depth"),
     "a": ("",),
 }
@@ -23,6 +26,8 @@ COMPONENTS = (("r", "g", "b"), ("x", "y", "z"), ("red", "green", "blue"))
 SINGLE = {"z": (("z",), ("v",)), "a": (("a",),)}  # components of features of one channel
 BESIDE = ("alb", "nrm", "z")  # those of the colour's view layer come first
 ANY = (*COMPONENTS, ("z",), ("y",), ("v",))
+NO_COLOR = tuple(layer.lower() for f in ("alb", "nrm", "motion") for layer in LAYERS[f])
+GREY = ("y", "l", "grey", "gray", "luminance")
 
 
 def find_channels(feature: str, available: Iterable[str],
@@ -39,38 +44,75 @@ def find_channels(feature: str, available: Iterable[str],
     for wanted in layers:
         if found := _find_layer(wanted, names, kinds):
             return found
-    return next(((n,) for n in names if layer is not None and n.lower() == layer.lower()), None)
+    if layer is None:
+        return _find_any_color(names) if layers is LAYERS["hdr"] else None
+    return next(((n,) for n in names if n.lower() == layer.lower()), None)
 
 
-def find_images(feature: str, channels: dict[str, np.ndarray],
+def find_own(feature: str, channels: Channels) -> tuple[str, ...] | None:
+    """As find_channels, without the views of stereo files: of the default one."""
+    names = find_channels(feature, channels.plain)
+    return names and tuple(channels.plain[n] for n in names)
+
+
+def find_images(feature: str, channels: Channels,
                 layers: dict[str, str] | None = None) -> tuple[str, ...] | None:
-    """As find_channels, of a file that was read: what has the prefix of the colour comes before all
+    """As find_own, of a file that was read: what has the prefix of the colour comes before all
     others, and a layer called diffuse is no albedo where it is light, as it is to most renderers.
     layers: the user's choices by feature."""
     chosen = layers or {}
-    if feature in chosen or feature not in BESIDE:
-        return find_channels(feature, channels, chosen.get(feature))
-    color = find_channels("hdr", channels, chosen.get("hdr") or chosen.get("ldr"))
-    names = (color and _find_beside(feature, color[0], channels)
-             or find_channels(feature, channels))
+    if feature in chosen:
+        return find_channels(feature, channels, chosen[feature])
+    if feature not in BESIDE:
+        return find_own(feature, channels)
+    picked = chosen.get("hdr") or chosen.get("ldr")
+    color = (find_channels("hdr", channels, picked) if picked else find_own("hdr", channels))
+    names = (color and _find_beside(feature, color[0], channels) or find_own(feature, channels))
     if feature == "alb" and names and color and _may_be_light(names[0]):
         albedo, light = (np.stack([channels[n] for n in found], -1) for found in (names, color))
         return None if _is_light(albedo, light) else names
     return names
 
 
-def _find_beside(feature: str, color: str, names: Iterable[str]) -> tuple[str, ...] | None:
+def _find_beside(feature: str, color: str, channels: Channels) -> tuple[str, ...] | None:
     """The channels of a feature with the longest prefix of the colour's: for Char.Combined.R those
     of the view layer Char."""
-    prefix = color.rpartition(".")[0]
+    plain = channels.plain
+    prefix = next((p for p, name in plain.items() if name == color), color).rpartition(".")[0]
     while prefix:
-        own = {n[len(prefix) + 1:]: n for n in names if n.lower().startswith(f"{prefix}.".lower())}
+        own = {p[len(prefix) + 1:]: n for p, n in plain.items()
+               if p.lower().startswith(f"{prefix}.".lower())}
         for layer in filter(None, LAYERS[feature]):
             whole = [n for n in own if n.lower().rpartition(".")[0] == layer.lower()]
             if found := _find_layer(layer, whole, SINGLE.get(feature, COMPONENTS)):
                 return tuple(own[n] for n in found)
         prefix = prefix.rpartition(".")[0]
     return None
+
+
+def _find_any_color(names: list[str]) -> tuple[str, ...] | None:
+    """Colour under a name we do not know, grey, R and G alone, or the only channel."""
+    by_key = {n.lower(): n for n in reversed(names)}
+    for name in names:
+        owner, _, component = name.lower().rpartition(".")
+        kind = next((k for k in COMPONENTS if k[0] == component != "x"), None)
+        if kind and owner and not _is_auxiliary(owner):
+            keys = [f"{owner}.{c}" for c in kind]
+            if all(k in by_key for k in keys):
+                return tuple(by_key[k] for k in keys)
+    for key in GREY:
+        if key in by_key:
+            return (by_key[key],)
+    if len(names) == 2 and set(by_key) == {"r", "g"}:
+        return by_key["r"], by_key["g"]
+    return tuple(names) if len(names) == 1 else None
+
+
+def _is_auxiliary(layer: str) -> bool:
+    """Whether a layer, in lower case, is known for something else than colour, or of Cryptomatte,
+    whose values are names."""
+    return (layer.rpartition(".")[2].startswith("crypto")
+            or any(f".{layer}".endswith(f".{name}") for name in NO_COLOR))
 
 
 def _may_be_light(channel: str) -> bool:

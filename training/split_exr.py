@@ -19,6 +19,7 @@ import numpy as np
 
 from training import errors
 from training.errors import DATA, ToolError
+from training.exr_channels import Channels
 from training.imageio import read_exr_channels, replacing, write_exr
 from training.layers import find_images
 from training.settings import parse
@@ -35,7 +36,9 @@ def main(argv: list[str]) -> None:
     layer = settings.layer
     if layer:
         prefix = layer.rstrip(".") + "."
-        channels = {k[len(prefix):]: v for k, v in channels.items() if k.startswith(prefix)}
+        names = {n: n for n in channels} | channels.plain
+        channels = Channels((n[len(prefix):], channels[full]) for n, full in names.items()
+                            if n.startswith(prefix))
         if not channels:
             raise ToolError(f"{path}: no channels in layer '{layer}'", DATA)
     print("Channels: " + " ".join(channels))
@@ -47,7 +50,7 @@ def main(argv: list[str]) -> None:
         print("Not found: " + " ".join(missing))
 
 
-def split(path: Path, channels: dict[str, np.ndarray], feature: str) -> bool:
+def split(path: Path, channels: Channels, feature: str) -> bool:
     """Write one feature if its channels are there."""
     names = find_images(feature, channels)
     if names is None:

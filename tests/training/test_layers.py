@@ -22,9 +22,10 @@ def test_names_are_those_of_the_programs(root):
     """One table in C, one in Python: the same names in the same order."""
     text = (root / "apps" / "layers.c").read_text()
     rows = re.findall(r'\{IMAGE_(\w+), "([^"]*)"\}', text)
-    for role, feature in ("COLOR", "hdr"), ("ALBEDO", "alb"), ("NORMAL", "nrm"):
+    roles = {"COLOR": "hdr", "ALBEDO": "alb", "NORMAL": "nrm", "MOTION": "motion"}
+    for role, feature in roles.items():
         assert LAYERS[feature] == tuple(name for r, name in rows if r == role)
-    assert len(rows) == sum(len(LAYERS[f]) for f in F) + sum(r == "MOTION" for r, _ in rows)
+    assert len(rows) == sum(len(LAYERS[f]) for f in roles.values())
     body = re.search(r"components\[\]\[3\] = \{(.*?)\};", text, re.DOTALL)[1]
     assert COMPONENTS == tuple(tuple(re.findall(r'"(\w+)"', row))
                                for row in re.findall(r"\{.*?\}", body))
