@@ -14,7 +14,7 @@ from export.pixels import Frame, srgb_forward
 from export.reference import padded
 from training.errors import DATA, USAGE, ToolError
 from training.features import clean
-from training.imageio import read_exr_channels, read_image
+from training.imageio import read_exr_channels, read_image, read_placed, stack
 from training.layers import find_images
 
 PIXELS = 1 << 18   # of all calibration pictures together, taken from their middles
@@ -69,17 +69,23 @@ def read_picture(path: Path, kind: Kind, optional: Sequence[str] = ()) -> dict[s
     parts = path.name.split(".")
     triple = len(parts) > 2 and parts[-2] in ("hdr", "ldr", "alb", "nrm")
     images: dict[str, np.ndarray] = {}
+    origins = set()
     for feature in (*kind.features, *optional):
         image = None
         short = SHORT[feature]
         if triple:
             letters = parts[-2] if short == "hdr" and parts[-2] == "ldr" else short
             file = path.with_name(".".join([*parts[:-2], letters, parts[-1]]))
-            image = read_image(file) if file.is_file() else None
+            if file.is_file() and file.suffix.lower() == ".exr":
+                image, origin = read_placed(file, short)
+                origins.add(origin)
+            elif file.is_file():
+                image = read_image(file)
         elif path.suffix.lower() == ".exr":
             channels = read_exr_channels(path)
-            names = find_images(short, channels)
-            image = np.stack([channels[n] for n in names], -1) if names else None
+            if names := find_images(short, channels):
+                image = stack(path, channels, names)
+                origins.add(channels.origins[names[0]])
         elif feature == kind.features[0]:
             image = read_image(path)
         if image is not None:
@@ -89,6 +95,8 @@ def read_picture(path: Path, kind: Kind, optional: Sequence[str] = ()) -> dict[s
                             f"there is no {feature}", DATA)
     if len({i.shape[:2] for i in images.values()}) > 1:
         raise ToolError(f"{path}: features of different sizes", DATA)
+    if len(origins) > 1:
+        raise ToolError(f"{path}: data windows of features begin at different pixels", DATA)
     return images
 
 

@@ -18,7 +18,7 @@ from training import color, kernel_model
 from training.augment import DARKEST, DEFOCUS_SPP, MINIFIED, PLAIN, SHADOW_P, Augment, \
     add_fireflies, blurred, defocused, figure, hits_by_chance, minified, texture, zoomed
 from training.errors import DATA, ToolError
-from training.features import encode, holds, load
+from training.features import check_beside, encode, holds, load
 from training.scan import CHANNELS, FEATURES, Group, Scan
 
 BORDER_P, BORDER_MAX = 0.1, 15  # tiles that are cut short and zero padded, as at image borders
@@ -67,7 +67,6 @@ def load_group(group: Group, features: list[str], main: str, transfer: str,
     with_aux = clean_aux or holds(group.target, features, layers, opened)
     target = load(group.target, features if with_aux else [main], layers, opened)
     opened.clear()
-    size = target[main].shape[:2]
     exposure = color.autoexposure(target[main]) if main == "hdr" else 1.0
 
     def half(images: dict[str, np.ndarray]) -> np.ndarray:
@@ -77,10 +76,7 @@ def load_group(group: Group, features: list[str], main: str, transfer: str,
     for version in group.inputs:
         try:
             images = load(version, [main] if clean_aux else features, layers)
-            if images[main].shape[:2] != size:
-                height, width = images[main].shape[:2]
-                raise ToolError(f"{version.name}: {width}x{height} pixels, its reference has "
-                                f"{size[1]}x{size[0]}", DATA)
+            check_beside(version, images, target)
         except ToolError as e:
             last = e
             if log and len(group.inputs) > 1:

@@ -102,21 +102,27 @@ def check_pair(main: str, source: np.ndarray, target: np.ndarray) -> Iterator[st
 def check_group(group: Group, features: list[str], layers: dict[str, str]) -> Iterator[str]:
     """Findings about the renders of a group; features: the main one first."""
     main = features[0]
-    target, size = None, None
+    target, size, place = None, None, None
     for version in [v for v in (group.target, *group.inputs) if v]:
         opened: dict = {}
         try:
             poor = version is group.target and not holds(version, features, layers, opened)
             wanted = [main] if poor else features  # of references the light is enough
-            raw = {f: load_raw(version, f, layers, opened) for f in wanted}
+            found = {f: load_raw(version, f, layers, opened) for f in wanted}
         except ToolError as e:
             yield str(e)
             continue
+        raw = {f: image for f, (image, _) in found.items()}
         yield from (f"{version.name}: {text}" for text in check_values(version, raw))
         sizes = {f: i.shape[:2] for f, i in raw.items()}
+        places = {f: origin for f, (_, origin) in found.items() if origin}
         size = size or sizes[main]
         if set(sizes.values()) != {size}:
             yield f"{version.name}: sizes differ ({sizes})"
+            continue
+        place = place or next(iter(places.values()), None)
+        if set(places.values()) - {place}:
+            yield f"{version.name}: data windows begin elsewhere than at {place} ({places})"
             continue
         picture = clean(raw[main], main)
         if version is group.target:

@@ -30,7 +30,7 @@ import torch
 from export.tza import Reader
 from training import color, errors, metrics, nets, peer
 from training.errors import DATA, DEPENDENCY, STATE, USAGE, ToolError
-from training.features import holds, load
+from training.features import check_beside, holds, load
 from training.imageio import replacing
 from training.infer import Denoiser
 from training.nets import from_tensors
@@ -85,8 +85,8 @@ def readable(cases: list[Case], features: list[str]) -> list[Case]:
     for case in cases:
         try:
             if has_features(case.source, features) and has_features(case.target, ["hdr"]):
-                load(case.source, _files_of(features))
-                load(case.target, ["hdr"])
+                check_beside(case.source, load(case.source, _files_of(features)),
+                             load(case.target, ["hdr"]))
                 found.append(case)
         except ToolError as e:
             print(f"left out {case.name}: {e}")
@@ -178,11 +178,13 @@ def evaluate(case: Case, path: Path, denoiser: Denoiser | Program, binary: Path 
 
     less_reference: PSNR as a reference without noise would give it."""
     main, *others = denoiser.features
-    noisy, target = (load(v, ["hdr"])["hdr"] for v in (case.source, case.target))
+    images, reference = load(case.source, ["hdr", *others]), load(case.target, ["hdr"])
+    check_beside(case.source, images, reference)
+    noisy, target = images.pop("hdr"), reference["hdr"]
     exposure = color.autoexposure(target)
     if main == "ldr":
         noisy, target = (np.clip(image * exposure, 0, 1) for image in (noisy, target))
-    images = {main: noisy, **load(case.source, others)}
+    images = {main: noisy, **images}
     shown = metrics.to_display(target, main, exposure)
     outputs = {"noisy": noisy, "lull": denoiser.run(images)}
     row: dict = {"case": case.name, "spp": case.source.spp}

@@ -10,12 +10,19 @@ import numpy as np
 
 from training import color
 from training.errors import DATA, ToolError
-from training.imageio import read_exr_channels, read_image
+from training.exr_channels import Channels, Origin
+from training.imageio import read_exr_channels, read_image, read_placed, stack
 from training.layers import find_channels, find_images
 from training.scan import CHANNELS, MAIN_FEATURES, Version
 
 FLT_MAX = float(np.finfo(np.float32).max)
 SIGNED = ("nrm", "sh1")
+
+
+class Images(dict[str, np.ndarray]):
+    """Features by name; origin: where the data window of their EXR files begins, None without."""
+
+    origin: Origin | None = None
 
 
 def clean(image: np.ndarray, feature: str) -> np.ndarray:
@@ -35,8 +42,9 @@ def _fit(image: np.ndarray, channels: int) -> np.ndarray:
 
 
 def load_raw(version: Version, feature: str, layers: dict[str, str] | None = None,
-             opened: dict[Path, dict[str, np.ndarray]] | None = None) -> np.ndarray:
-    """The stored values of one feature, [H,W,C] float32, before any cleaning.
+             opened: dict[Path, Channels] | None = None) -> tuple[np.ndarray, Origin | None]:
+    """(the stored values of one feature, [H,W,C] float32, before any cleaning; where the data
+    window of its EXR begins).
 
     opened: channels of multichannel files by path; filled here, so that each is read once.
     """
@@ -49,13 +57,17 @@ def load_raw(version: Version, feature: str, layers: dict[str, str] | None = Non
             why = f"{', '.join(light)} is light; has" if light else "has"
             raise ToolError(f"{path}: no channels for '{feature}' ({why}: {', '.join(channels)}; "
                             f"choose with --layers {feature}=PREFIX)", DATA)
-        return _fit(np.stack([channels[n] for n in names], -1), CHANNELS[feature])
+        return (_fit(stack(path, channels, names), CHANNELS[feature]),
+                channels.origins[names[0]])
     if feature == "sh1":
         parts = [_fit(read_image(version.files[f"sh1{a}"]), 3) for a in "xyz"]
         if len({p.shape for p in parts}) > 1:
             raise ToolError(f"{version.name}: sh1x, sh1y and sh1z differ in size", DATA)
-        return np.concatenate(parts, -1)
+        return np.concatenate(parts, -1), None
     path = version.files[feature]
+    if path.suffix.lower() == ".exr":
+        image, origin = read_placed(path, feature)
+        return _fit(image, CHANNELS[feature]), origin
     image = _fit(read_image(path), CHANNELS[feature])
     if feature == "hdr" and path.suffix.lower() == ".png":
         raise ToolError(f"{path}: 8 or 16 bit pictures cannot hold 'hdr', name it .ldr.png", DATA)
@@ -63,11 +75,10 @@ def load_raw(version: Version, feature: str, layers: dict[str, str] | None = Non
         image = color.srgb_inverse(image)  # they are linear; PNG holds sRGB codes
     elif feature == "nrm" and path.suffix.lower() == ".png":
         image = image * 2.0 - 1.0
-    return image
+    return image, None
 
 
-def _channels_of(path: Path, opened: dict[Path, dict[str, np.ndarray]] | None,
-                 ) -> dict[str, np.ndarray]:
+def _channels_of(path: Path, opened: dict[Path, Channels] | None) -> Channels:
     """Channels of a multichannel file, read unless they are in `opened`."""
     opened = {} if opened is None else opened
     if path not in opened:
@@ -76,7 +87,7 @@ def _channels_of(path: Path, opened: dict[Path, dict[str, np.ndarray]] | None,
 
 
 def holds(version: Version, features: list[str], layers: dict[str, str] | None = None,
-          opened: dict[Path, dict[str, np.ndarray]] | None = None) -> bool:
+          opened: dict[Path, Channels] | None = None) -> bool:
     """Whether a version has all these features; multichannel files are looked into.
 
     opened: as in load_raw.
@@ -90,15 +101,35 @@ def holds(version: Version, features: list[str], layers: dict[str, str] | None =
 
 
 def load(version: Version, features: list[str], layers: dict[str, str] | None = None,
-         opened: dict[Path, dict[str, np.ndarray]] | None = None) -> dict[str, np.ndarray]:
-    """Features of a version by name, cleaned; all of one size. opened: as in load_raw."""
+         opened: dict[Path, Channels] | None = None) -> Images:
+    """Features of a version by name, cleaned; all of one size, at one place. opened: as in
+    load_raw."""
     opened = {} if opened is None else opened
-    images = {f: clean(load_raw(version, f, layers, opened), f) for f in features}
+    images, origins = Images(), {}
+    for feature in features:
+        image, origin = load_raw(version, feature, layers, opened)
+        images[feature] = clean(image, feature)
+        if origin:
+            origins[feature] = images.origin = origin
     sizes = {i.shape[:2] for i in images.values()}
     if len(sizes) > 1:
         text = ", ".join(f"{f} {i.shape[1]}x{i.shape[0]}" for f, i in images.items())
         raise ToolError(f"{version.name}: features differ in size ({text})", DATA)
+    if len(set(origins.values())) > 1:
+        text = ", ".join(f"{f} at {x},{y}" for f, (x, y) in origins.items())
+        raise ToolError(f"{version.name}: data windows begin at different pixels ({text})", DATA)
     return images
+
+
+def check_beside(version: Version, images: Images, target: Images) -> None:
+    """ToolError unless the reference of a version is of its size, at its place."""
+    (h, w), (height, width) = (next(iter(i.values())).shape[:2] for i in (images, target))
+    if (h, w) != (height, width):
+        raise ToolError(f"{version.name}: {w}x{h} pixels, its reference has {width}x{height}", DATA)
+    if images.origin and target.origin and images.origin != target.origin:
+        (x, y), (left, top) = images.origin, target.origin
+        raise ToolError(f"{version.name}: the data window begins at {x},{y}, that of its reference "
+                        f"at {left},{top}", DATA)
 
 
 def encode(images: dict[str, np.ndarray], main: str, transfer: str,

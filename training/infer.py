@@ -28,7 +28,7 @@ import torch
 from training import color, errors, kernel_model, metrics, parallel
 from training.auxiliary import load_prefilters, run_network
 from training.errors import DATA, ToolError
-from training.features import encode, load
+from training.features import Images, check_beside, encode, load
 from training.imageio import LINEAR_FORMATS, WRITERS, replacing, write_image
 from training.result import Result, load_model
 from training.scan import CHANNELS, Group, Version, scan
@@ -103,7 +103,7 @@ def main(argv: list[str]) -> None:
         print(f"{settings.result}: {text} ({count} images)")
 
 
-def read(version: Version, features: list[str], settings: Settings) -> dict[str, np.ndarray] | None:
+def read(version: Version, features: list[str], settings: Settings) -> Images | None:
     """Features of a picture; None, with a line that says why, if it cannot be read."""
     try:
         return load(version, features, settings.layers)
@@ -124,11 +124,10 @@ def infer_group(group: Group, denoiser: Denoiser, settings: Settings, root: Path
         if not (copy.exists() and copy.samefile(metadata)):
             with replacing(copy) as tmp:
                 shutil.copyfile(metadata, tmp)
-    target = None
-    if group.target and (images := read(group.target, [main_feature], settings)):
-        target = images[main_feature]
-        if settings.save_all:
-            save(folder / group.target.name, target, main_feature, settings.format, exposure)
+    target = read(group.target, [main_feature], settings) if group.target else None
+    if target and settings.save_all:
+        save(folder / group.target.name, target[main_feature], main_feature, settings.format,
+             exposure)
     for version in group.inputs:
         images = read(version, denoiser.features, settings)
         if images is None:
@@ -138,13 +137,23 @@ def infer_group(group: Group, denoiser: Denoiser, settings: Settings, root: Path
         if settings.save_all:
             save(folder / version.name, images[main_feature], main_feature, settings.format,
                  exposure)
-        values = {}
-        if target is not None and target.shape != output.shape:
-            print(f"{version.name}: not of the size of its reference, not measured")
-        elif target is not None:
-            shown = [metrics.to_display(i, main_feature, exposure) for i in (output, target)]
-            values = metrics.measure(*shown, settings.metric, version.name)
-        yield version.name, values
+        yield version.name, score(version, images, output, target, settings.metric, exposure)
+
+
+def score(version: Version, images: Images, output: np.ndarray, target: Images | None,
+          names: list[str], exposure: float) -> dict[str, float]:
+    """Metrics of a result beside its reference; none, with a line that says why, where that does
+    not fit."""
+    if target is None:
+        return {}
+    try:
+        check_beside(version, images, target)
+    except ToolError as e:
+        print(f"not measured: {e}")
+        return {}
+    (main, reference), = target.items()
+    shown = [metrics.to_display(i, main, exposure) for i in (output, reference)]
+    return metrics.measure(*shown, names, version.name)
 
 
 def save(stem: Path, image: np.ndarray, feature: str, formats: list[str], exposure: float) -> None:

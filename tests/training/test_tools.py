@@ -90,7 +90,7 @@ def test_infer_leaves_out_what_it_cannot_read(results, work, capsys, fails):
     infer.main(args)
     out = capsys.readouterr().out
     assert "left out scene0/view0_0001spp: " in out and "left out scene1/view1_ref: " in out
-    assert "scene2/view2_0004spp: not of the size of its reference, not measured" in out
+    assert "not measured: scene2/view2_0004spp: 64x48 pixels, its reference has 32x32" in out
     assert "(1 images)" in out and len([*Path("infer").rglob("*.exr")]) == 5
     for path in root.rglob("*spp.nrm.exr"):
         path.write_bytes(b"")
