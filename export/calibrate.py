@@ -13,7 +13,7 @@ from export.graph import ALIGN
 from export.pixels import Frame, srgb_forward
 from export.reference import padded
 from training.errors import DATA, USAGE, ToolError
-from training.features import clean
+from training.features import clean, decoded
 from training.imageio import read_exr_channels, read_image, read_placed, stack
 from training.layers import find_images
 
@@ -80,14 +80,14 @@ def read_picture(path: Path, kind: Kind, optional: Sequence[str] = ()) -> dict[s
                 image, origin = read_placed(file, short)
                 origins.add(origin)
             elif file.is_file():
-                image = read_image(file)
+                image = decoded(read_image(file), _coded(feature, kind), file)
         elif path.suffix.lower() == ".exr":
             channels = read_exr_channels(path)
             if names := find_images(short, channels):
                 image = stack(path, channels, names)
                 origins.add(channels.origins[names[0]])
         elif feature == kind.features[0]:
-            image = read_image(path)
+            image = decoded(read_image(path), _coded(feature, kind), path)
         if image is not None:
             images[feature] = image
         elif feature in kind.features:
@@ -98,6 +98,13 @@ def read_picture(path: Path, kind: Kind, optional: Sequence[str] = ()) -> dict[s
     if len(origins) > 1:
         raise ToolError(f"{path}: data windows of features begin at different pixels", DATA)
     return images
+
+
+def _coded(feature: str, kind: Kind) -> str:
+    """The feature whose codes a PNG of this one has; hdr: the values as they are."""
+    if feature != "color":
+        return SHORT[feature]
+    return {"srgb": "hdr", "lightmap-dir": "nrm"}.get(kind.content, "ldr")
 
 
 def frame_of(images: dict[str, np.ndarray], kind: Kind, scale: float | None = None) -> Frame:

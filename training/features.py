@@ -71,11 +71,17 @@ def load_raw(version: Version, feature: str, layers: dict[str, str] | None = Non
     image = _fit(read_image(path), CHANNELS[feature])
     if feature == "hdr" and path.suffix.lower() == ".png":
         raise ToolError(f"{path}: 8 or 16 bit pictures cannot hold 'hdr', name it .ldr.png", DATA)
+    return decoded(image, feature, path), None
+
+
+def decoded(image: np.ndarray, feature: str, path: Path) -> np.ndarray:
+    """Values of a feature from what a file of it holds: PNG has sRGB codes, of normals
+    n*0.5+0.5."""
     if feature in ("ldr", "alb") and path.suffix.lower() == ".png":
-        image = color.srgb_inverse(image)  # they are linear; PNG holds sRGB codes
-    elif feature == "nrm" and path.suffix.lower() == ".png":
-        image = image * 2.0 - 1.0
-    return image, None
+        return color.srgb_inverse(image)
+    if feature == "nrm" and path.suffix.lower() == ".png":
+        return image * 2.0 - 1.0
+    return image
 
 
 def _channels_of(path: Path, opened: dict[Path, Channels] | None) -> Channels:

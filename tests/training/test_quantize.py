@@ -10,7 +10,7 @@ import pytest
 from export import quantize
 from export.accuracy import Sample, compare, ssim
 from export.calibrate import Kind, frame_of, network_inputs, read_picture, synthetic_frames
-from export.pixels import Frame
+from export.pixels import Frame, srgb_forward
 from export.quantize import integer_tensors, write_integer
 from export.quantizer import Options, Quantizer, channel_range
 from export.reference import NARROW_MAX, load_model
@@ -143,6 +143,21 @@ def test_pictures_and_kinds(pictures):
     assert [x.shape for x in inputs] == [(64, 64, 9)] * 3
     large = Frame({"color": np.ones((900, 1100, 3), np.float32)})
     assert network_inputs([large])[0].shape == (512, 512, 3), "large pictures are cut"
+
+
+def test_codes_of_pngs_are_those_of_features(pictures, work):
+    """As oidnDenoise and training take them: sRGB but for --srgb, normals as n*0.5+0.5."""
+    images = read_picture(pictures / "a.exr", Kind.of(9, "hdr", "color"))
+    images["color"] = np.clip(images["color"], 0, 1)
+    write_image(work / "a.ldr.png", srgb_forward(images["color"]))
+    write_image(work / "a.alb.png", srgb_forward(images["albedo"]))
+    write_image(work / "a.nrm.png", images["normal"] * 0.5 + 0.5)
+    for content, color in ("ldr", images["color"]), ("srgb", srgb_forward(images["color"])):
+        got = read_picture(work / "a.ldr.png", Kind.of(9, content, "color"))
+        for feature, want in (images | {"color": color}).items():
+            assert np.abs(got[feature] - want).max() < 0.02, (content, feature)
+    lone = read_picture(work / "a.nrm.png", Kind.of(3, "ldr", "normal"))
+    assert lone["normal"].min() < -0.9
 
 
 @pytest.mark.parametrize("content", ("hdr", "ldr", "srgb", "lightmap-hdr", "lightmap-dir"))
