@@ -85,6 +85,22 @@ def test_the_docs_have_every_option(root):
     assert not {n for n in named if n.startswith("--")} - every
 
 
+@pytest.mark.parametrize("tool", [
+    "export.bilateral", "export.manifest", "export.quantize", "export.quantize_kernel",
+    "export.temper", "training.average", "training.evaluate", "training.quantize_aware",
+    "training.scenes.leaves", "training.scenes.render", "training.scenes.render_scene",
+    "training.scenes.sheet"])
+def test_the_docs_have_the_options_of_tools(root, capsys, tool):
+    """Those that are not of the table."""
+    text = "".join((root / "docs" / f"{name}.md").read_text()
+                   for name in ("training", "quantisation", "scenes"))
+    with pytest.raises(SystemExit):
+        importlib.import_module(tool).main(["--help"])
+    options = set(re.findall(r"^ +(?:-\w.*, )?(--\w+)", capsys.readouterr().out, re.M)) - {"--help"}
+    assert options or tool == "training.average"
+    assert not {o for o in options if not re.search(rf"{o}\b", text)}
+
+
 def test_options_do_not_collide():
     for script, letter in SCRIPTS.items():
         names = [n for o in OPTIONS if letter in o.scripts for n in o.names.split()]
