@@ -47,12 +47,18 @@ def reading(path: Path) -> Iterator[None]:
         raise ToolError(str(e), STATE) from e
 
 
+def set_up_output() -> None:
+    """Logs show progress as it happens, and escapes in place of letters that they cannot hold."""
+    if hasattr(sys.stdout, "reconfigure"):
+        escaped = "backslashreplace" if sys.stdout.errors == "strict" else None
+        sys.stdout.reconfigure(line_buffering=True, errors=escaped)
+
+
 def run(main: Callable[[list[str]], object], argv: list[str] | None = None) -> None:
     """Run a script's main and leave the process: with 0, or one line on stderr and a code."""
     if threading.current_thread() is threading.main_thread():  # as Ctrl-C: what is done is saved
         signal.signal(signal.SIGTERM, signal.default_int_handler)
-    if hasattr(sys.stdout, "reconfigure"):
-        sys.stdout.reconfigure(line_buffering=True)  # logs show progress as it happens
+    set_up_output()
     try:
         main(sys.argv[1:] if argv is None else argv)
     except ToolError as e:

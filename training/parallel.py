@@ -27,7 +27,7 @@ import torch
 import torch.distributed as dist
 from torch import Tensor
 
-from training.errors import INTERRUPTED, STATE, USAGE, ToolError
+from training.errors import INTERRUPTED, STATE, USAGE, ToolError, set_up_output
 from training.interrupt import Interrupted, Interrupts, forget_loaders, watched_loaders
 from training.optimizer import Optimizer
 from training.settings import Settings
@@ -186,6 +186,7 @@ def _end(processes: list) -> None:
 
 def _spawned(rank: int, work, settings: Settings) -> None:
     signal.signal(signal.SIGTERM, signal.default_int_handler)
+    set_up_output()
     try:
         _member(rank, work, settings, settings.num_devices, rank)
     except (ToolError, KeyboardInterrupt) as e:

@@ -31,6 +31,7 @@ _VERSION = re.compile(
     r"(?P<group>.+)_(?P<version>\d+(?:spp)?|" + "|".join(REFERENCE_WORDS)
     + r")(?:_s(?P<seed>\d+))?", re.I)
 NO_NAME = "name is not <picture>_<version>[.<feature>]"
+NO_UTF8 = "name is not UTF-8"
 NO_FEATURE = "no feature in the name, and no EXR with layers"
 
 
@@ -123,9 +124,14 @@ def read_names(root: Path) -> tuple[dict[str, list[Version]], list[tuple[str, st
         match = _VERSION.fullmatch(split["stem"])
         feature = (split["feature"] or "*").lower()
         folder = path.parent.relative_to(root)
+        shown = (folder / path.name).as_posix()
+        escaped = shown.encode("utf-8", "backslashreplace").decode()
+        if escaped != shown:  # no file of ours could hold it
+            left_out.append((escaped, NO_UTF8))
+            continue
         if feature == "*" and not (match and kind == "exr"):
             if kind != "png":  # those without a feature are previews
-                left_out.append(((folder / path.name).as_posix(), NO_FEATURE if match else NO_NAME))
+                left_out.append((shown, NO_FEATURE if match else NO_NAME))
             continue
         name = (folder / split["stem"]).as_posix()
         group = group_of(name)

@@ -1,8 +1,10 @@
 """Naming scheme, reference choice, completeness, summary, doctor."""
 
+import os
+
 import numpy as np
 import pytest
-from tests.training.tools import noisy, picture, write_features
+from tests.training.tools import make_raw, noisy, picture, write_features
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -193,3 +195,16 @@ def test_doctor_on_references(tmp_path, capsys, fails):
     assert "c_4: sizes differ" in out
     write_image(tmp_path / "e" / "a_4.hdr.exr", clean["hdr"])
     assert fails(doctor.main, ["hdr", "-D", str(tmp_path), "-i", "nothing"])[0] == 3
+
+
+@pytest.mark.parametrize("encoding", ["utf-8:strict", "ascii"])
+def test_names_that_output_cannot_hold(script, tmp_path, encoding):
+    """Names are told with escapes; files whose names are not UTF-8 are left out."""
+    make_raw(tmp_path / "data" / "d\u00e9", 1)
+    folder = tmp_path / "data" / "d\u00e9" / "scene0"
+    for path in sorted(folder.iterdir()):
+        os.link(path, os.fsencode(folder) + b"/\xe8_" + path.name.rpartition("_")[2].encode())
+    done = script("doctor", "hdr", "alb", "nrm", "-D", "data", "-i", "d\u00e9", cwd=tmp_path,
+                  env=os.environ | {"PYTHONIOENCODING": encoding})
+    assert done.returncode == 3 and done.stderr == "Error: 9 findings in 1 groups\n"
+    assert done.stdout.count("\\udce8_0004spp.hdr.exr: name is not UTF-8") == 1
