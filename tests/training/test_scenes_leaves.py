@@ -104,3 +104,15 @@ def test_bad_options_are_named(tmp_path, more, what):
     with pytest.raises(ToolError, match=what):
         draw(tmp_path / "a", *more)
     assert not (tmp_path / "a").exists()
+
+
+def test_seeds_that_are_finished_with_other_options(tmp_path, fails):
+    """They are refused; others may have options of their own."""
+    draw(tmp_path, "--seeds", "0:2", "--style", "soft")
+    draw(tmp_path, "--seeds", "0:3", "--style", "soft")
+    draw(tmp_path, "--seeds", "3:4", "--style", "lamps")
+    args = [str(tmp_path), "--seeds", "0:4", "--size", "32"]
+    code, message = fails(leaves.main, [*args, "--style", "lamps"])
+    assert code == 4 and "l00000/manifest.json: this group was made with" in message
+    (tmp_path / "l00000" / "manifest.json").write_text("[]")
+    assert fails(leaves.main, args)[0] == 3

@@ -229,6 +229,11 @@ def test_own_scene(root, own_scene, tmp_path):
     assert np.abs(albedo - other).max() > 0.1, "seen from elsewhere"
     again = command(root, *args)
     assert again.returncode == 0 and again.stdout.count("finished before") == 2
+    one_line(command(root, *args, "-D", "red=0.2"), 4, "define")
+    other = tmp_path / "of another folder" / own_scene.name
+    other.parent.mkdir()
+    other.write_text(SCENE.replace("conductor", "diffuse"))
+    one_line(command(root, "render_scene", other, *args[2:]), 4, "scene")
 
 
 def test_own_scene_errors(root, own_scene, tmp_path):

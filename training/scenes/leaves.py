@@ -305,8 +305,7 @@ def draw_seed(seed: int, args: argparse.Namespace) -> dict:
     """Draws one picture into OUT; returns its manifest."""
     start, name = time.process_time(), f"l{seed:05d}"
     rng = np.random.default_rng([seed, 7])
-    width, height = size_pair(args.size)
-    stage = Stage(height, width, rng, STYLES[args.style])
+    stage = Stage(*reversed(size_pair(args.size)), rng, STYLES[args.style])
     counts = count_list(args.spp, "--spp")
     if args.pick:
         counts = sorted(rng.choice(counts, min(args.pick, len(counts)), replace=False).tolist())
@@ -325,8 +324,9 @@ def draw_seed(seed: int, args: argparse.Namespace) -> dict:
             image[..., :3] = image[..., :3].clip(0, HALF_MAX)
             picture.write_level(folder, name, spp, image.astype(np.float32),
                                 bit_pair(args.bits)[which])
-    manifest = {"seed": seed, "size": [width, height], "noisy": counts, "target": TARGET,
-                "gain": float(gain), "cpu_seconds": round(time.process_time() - start, 2)}
+    manifest = {"seed": seed, "size": list(size_pair(args.size)), "noisy": counts,
+                "target": TARGET, "options": options.kept(args), "gain": float(gain),
+                "cpu_seconds": round(time.process_time() - start, 2)}
     picture.publish(args.out, name, manifest)
     return manifest
 
@@ -335,7 +335,7 @@ def run(args: argparse.Namespace) -> None:
     """Draws the seeds of this shard."""
     seeds = options.check(args, 16)
     options.make_folder(args.out)
-    todo = options.unfinished(args.out, seeds, "l", "pictures to draw")
+    todo = options.unfinished(args.out, seeds, "l", "pictures to draw", options.kept(args))
     for k, seed in enumerate(todo):
         m = draw_seed(seed, args)
         print(f"{k + 1}/{len(todo)} l{seed:05d} {m['noisy']} spp, {m['cpu_seconds']} s",

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import json
 import os
 
 from training import errors
-from training.errors import OUTPUT, USAGE, ToolError
+from training.errors import DATA, OUTPUT, STATE, USAGE, ToolError
 
 
 def parser(module: str, description: str, size: int, spp: str, pick: int
@@ -49,12 +50,35 @@ def make_folder(out: str) -> None:
         raise ToolError(f"{out}: {err.strerror}", OUTPUT) from None
 
 
-def unfinished(out: str, seeds: list[int], letter: str, noun: str) -> list[int]:
+def unfinished(out: str, seeds: list[int], letter: str, noun: str,
+               wanted: dict | None = None) -> list[int]:
     """Those of the seeds whose group (letter and number) OUT does not hold; says how many."""
-    todo = [s for s in seeds
-            if not os.path.exists(os.path.join(out, f"{letter}{s:05d}", "manifest.json"))]
+    todo = [s for s in seeds if not is_finished(out, f"{letter}{s:05d}", wanted or {})]
     print(f"{len(todo)} {noun}, {len(seeds) - len(todo)} finished before", flush=True)
     return todo
+
+
+def kept(args: argparse.Namespace) -> dict:
+    """The options that decide what a seed gives."""
+    return {k: v for k, v in vars(args).items() if k not in ("out", "seeds", "shard")}
+
+
+def is_finished(out: str, group: str, wanted: dict) -> bool:
+    """Whether OUT holds a group; ToolError if it was made with other options than `wanted`, which
+    its manifest keeps as "options" (older ones do not)."""
+    path = os.path.join(out, group, "manifest.json")
+    try:
+        with open(path) as f:
+            had = json.load(f).get("options", wanted)
+    except FileNotFoundError:
+        return False
+    except (OSError, ValueError, AttributeError) as err:
+        raise ToolError(f"{path}: cannot read ({err})", DATA) from None
+    for k, v in wanted.items():
+        if had.get(k) != v:
+            raise ToolError(f"{path}: this group was made with {k} = {had.get(k)}, not {v}; use "
+                            "another OUT", STATE)
+    return True
 
 
 def seed_list(text: str) -> list[int]:

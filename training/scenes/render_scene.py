@@ -8,6 +8,7 @@ same camera rays. Finished views are skipped.
 from __future__ import annotations
 
 import argparse
+import hashlib
 import os
 import re
 import time
@@ -19,7 +20,7 @@ from training import errors
 from training.errors import DATA, OUTPUT, USAGE, ToolError
 
 from . import backend
-from .options import bit_pair, count_list, shard, size_pair
+from .options import bit_pair, count_list, is_finished, shard, size_pair
 
 
 def parser() -> argparse.ArgumentParser:
@@ -74,6 +75,15 @@ def _load(mi, args: argparse.Namespace):
     if not isinstance(scene, mi.Scene) or not scene.sensors():
         raise ToolError(f"{args.scene}: holds no scene with a sensor", DATA)
     return scene
+
+
+def _kept(args: argparse.Namespace) -> dict:
+    """What decides the pictures of a view: the scene file, by a digest, and options."""
+    with open(args.scene, "rb") as f:
+        scene = hashlib.sha256(f.read()).hexdigest()[:16]
+    return {"scene": scene, **{k: getattr(args, k) for k in (
+        "define", "spp", "ref", "size", "move", "seed", "depth", "follow", "emitter", "miss",
+        "faceforward", "volume", "bits")}}
 
 
 def _which(args: argparse.Namespace, count: int) -> list[int]:
@@ -156,9 +166,12 @@ def run(args: argparse.Namespace) -> None:
     scene = _load(mi, args)
     integrator, settings = _integrator(mi, scene, args)
     jobs = [(n, v) for n in _which(args, len(scene.sensors())) for v in range(args.views)]
-    for number, view in shard(jobs, args.shard):
-        group = f"{name}-c{number}v{view}" if len(jobs) > 1 else name
-        if os.path.exists(os.path.join(args.out, group, "manifest.json")):
+    wanted = _kept(args)
+    groups = {job: f"{name}-c{job[0]}v{job[1]}" if len(jobs) > 1 else name
+              for job in shard(jobs, args.shard)}
+    finished = {g for g in groups.values() if is_finished(args.out, g, wanted)}
+    for (number, view), group in groups.items():
+        if group in finished:
             print(f"{group}: finished before", flush=True)
             continue
         start = time.process_time()
@@ -170,7 +183,8 @@ def run(args: argparse.Namespace) -> None:
         manifest = {"scene": os.path.basename(args.scene), "sensor": number, "view": view,
                     "size": [shot.width, shot.height], "features": asdict(settings),
                     "target": args.ref, "variant": args.variant, "mitsuba": mi.__version__,
-                    **figures, "cpu_seconds": round(time.process_time() - start, 2)}
+                    "options": wanted, **figures,
+                    "cpu_seconds": round(time.process_time() - start, 2)}
         picture.publish(args.out, group, manifest)
         print(f"{group}: {shot.width}x{shot.height}, {manifest['cpu_seconds']} s", flush=True)
 
