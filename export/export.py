@@ -20,6 +20,7 @@ from export.tza import TzaError, write_weights
 from training import errors
 from training.errors import STATE, USAGE, ToolError
 from training.imageio import replacing
+from training.nets import from_tensors
 from training.result import Result, load_model, read_weights
 from training.settings import Settings, parse
 
@@ -79,6 +80,11 @@ def export_weights(result: Result, settings: Settings) -> Path:
         return export_integer(result, settings)
     if source := state_file(settings):
         state = read_weights(source)
+        try:
+            from_tensors(state)
+        except (KeyError, ValueError, RuntimeError) as e:
+            raise ToolError(f"{source}: not the weights of a network "
+                            f"({str(e).splitlines()[0]})", STATE) from e
     else:
         state = load_model(result, settings.num_epochs, settings.best,
                            settings.weights)[0].state_dict()

@@ -278,8 +278,13 @@ def test_weights_of_elsewhere(raw, work, fails, capsys):
     assert torch.allclose(state("i")["model_state"]["head0.bias"], net.head0.bias, atol=0.1)
     export.main(["-r", "k.pt", "-o", "again.tza"])
     assert Path("again.tza").read_bytes() == Path("k.tza").read_bytes()
+    torch.save({f"module.{k}": v for k, v in net.state_dict().items()}, "other.pt")
+    code, message = fails(export.main, ["-r", "other.pt", "-o", "x.tza"])
+    assert code == 4 and message.startswith("other.pt: not the weights of a network")
     Path("bad.pt").write_bytes(b"x")
     data = ["--data", str(raw / "train"), "--count", "1"]
+    torch.save({k: v.bfloat16() for k, v in net.state_dict().items()}, "short.pt")
+    quantize_kernel.main(["short.pt", "short.tza", *data])
     for arguments, code in ((["bad.pt", "x.tza"], 4), (["none.tza", "x.tza"], 3),
                             (["k.tza", "k.pt/x.tza"], 5)):  # the output's folder is a file
         assert fails(quantize_kernel.main, [*arguments, *data])[0] == code
