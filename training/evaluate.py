@@ -35,7 +35,7 @@ from training.imageio import replacing
 from training.infer import Denoiser
 from training.nets import from_tensors
 from training.result import read_weights
-from training.scan import Group, Version, hold_out, list_versions, scan
+from training.scan import Group, Version, hold_out, list_files, list_versions, scan
 from training.settings import derive
 
 NAMES = ("psnr", "ssim", "flip")
@@ -54,7 +54,7 @@ class Case:
 def find_cases(root: Path) -> list[Case]:
     """Pairs below a folder: the naming scheme, and noisy.exr beside ref.exr."""
     cases = [Case(v.name, v, g.target) for g in _groups(root) for v in g.inputs]
-    for noisy in sorted(root.rglob("noisy.exr")):
+    for noisy in sorted(p for p in list_files(root) if p.name == "noisy.exr"):
         ref = noisy.with_name("ref.exr")
         if ref.exists():
             name = noisy.parent.relative_to(root).as_posix()

@@ -49,6 +49,16 @@ def test_references_without_a_count_have_no_known_noise(raw):
         evaluate.noise_of_reference(case, 20.0)
 
 
+def test_folders_with_a_reference_behind_links(tmp_path):
+    """As the groups of the naming scheme."""
+    (tmp_path / "renders" / "a").mkdir(parents=True)
+    for name in "noisy.exr", "ref.exr":
+        write_exr(tmp_path / "renders" / "a" / name, np.ones((4, 4, 3), np.float32))
+    (tmp_path / "set").mkdir()
+    (tmp_path / "set" / "b").symlink_to("../renders/a")
+    assert [c.name for c in evaluate.find_cases(tmp_path / "set")] == ["b"]
+
+
 def test_clipped_inputs_are_made_of_hdr_pictures(raw, root):
     """ldr: exposed for the reference, clipped after the noise; metrics are taken on that."""
     case = evaluate.find_cases(raw / "valid")[0]
