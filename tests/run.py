@@ -278,6 +278,7 @@ def main() -> int:
     env |= dict(LULL_BUILD=str(build), LULL_ROOT=str(ROOT), PYTHON=sys.executable)
     env["PYTHONPATH"] = os.pathsep.join(filter(None, [str(ROOT), env.get("PYTHONPATH", "")]))
     env.setdefault("OMP_WAIT_POLICY", "PASSIVE")  # several at once: no thread spins while it waits
+    env.setdefault("OPENBLAS_NUM_THREADS", "1")  # numpy's: its threads always spin
     total = run_all(jobs, env, args)
     print(f"{total.passed} passed, {total.failed} failed, {len(total.skips)} skipped")
     return 0 if total.passed and not total.failed else 1
