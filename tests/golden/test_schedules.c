@@ -9,22 +9,24 @@
 #include "../unit/hash.h"
 #include "lull.h"
 
-#define WIDTH 700u
+/* No multiple of a vector's width; three rows of the coarsest level. Most of the time goes into the
+ * narrowest strips, of 16 columns. */
+#define WIDTH 252u
 #define HEIGHT 33u
 
 static const struct {
     const char *weights;
     uint64_t fingerprint;
 } networks[] = {
-    {"tests/golden/int_unet_9_mixed/weights.tza", UINT64_C(0x7242f402da70b863)},
+    {"tests/golden/int_unet_9_mixed/weights.tza", UINT64_C(0x9f2f2a6a87902e5b)},
     /* in patches; albedo and normals are narrow */
-    {"tests/golden/int_unet_9_aux/weights.tza", UINT64_C(0xf5459a188e2df1e6)},
+    {"tests/golden/int_unet_9_aux/weights.tza", UINT64_C(0xef6350109007385f)},
 };
 
 static const struct {
     unsigned workers, strip_width;
     int is_least; /* within the least memory */
-} schedules[] = {{1, 0, 0}, {2, 64, 0}, {3, 480, 0}, {7, 0, 0}, {1, 0, 1}, {7, 0, 1}, {2, 480, 0}};
+} schedules[] = {{1, 0, 0}, {2, 64, 0}, {3, 160, 0}, {7, 0, 0}, {1, 0, 1}, {7, 0, 1}, {2, 160, 0}};
 
 static float *features[3], *output;
 
