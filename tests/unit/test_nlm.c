@@ -123,7 +123,7 @@ static void removes_noise(void)
     int i, features;
     for (i = 0; i < 3; ++i)
         for (features = 0; features < 2; ++features) {
-            scene s = make_scene(150, 100, noises[i]);
+            scene s = make_scene(100, 66, noises[i]);
             lull_nlm job = job_of(&s);
             double before = error_of(&s, s.noisy), after;
             if (!features)
@@ -144,7 +144,7 @@ static void leaves_flat_images_as_they_are(void)
     int features;
     for (l = 0; l < sizeof levels / sizeof *levels; ++l)
         for (features = 0; features < 2; ++features) {
-            scene s = make_scene(70, 40, 0);
+            scene s = make_scene(66, 34, 0);
             lull_nlm job;
             for (i = 0; i < count(&s); ++i) {
                 s.noisy[i] = levels[l] * (float)(1 + i % 3);
@@ -289,7 +289,7 @@ static void copy_rows(float *to, const float *from, unsigned width, unsigned fir
 /* A row of tiles reads LULL_NLM_HALO rows beyond itself, no more. */
 static void a_row_of_tiles_reads_its_halo_only(void)
 {
-    scene s = make_scene(70, 160, 0.5f), part = make_scene(70, 160, 0.5f);
+    scene s = make_scene(66, 130, 0.5f), part = make_scene(66, 130, 0.5f);
     lull_nlm job = job_of(&s), partial = job_of(&part);
     unsigned row, column;
     void *block, *memory = worker_memory(&block);
