@@ -159,7 +159,7 @@ def test_all_processes_end_and_have_saved(raw, work, more, number, all_of_them):
     """What a terminal and batch systems send, to the first process or to each; twice at once, as
     those do that pass it on."""
     command = [sys.executable, "-m", "training.train", *RAW, "-D", str(raw), "-e", "100000", "-r",
-               "a", "--save_epochs", "100", *more]
+               "a", "--save_epochs", "10", *more]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
                           env=os.environ | {"PYTHONPATH": str(nets.ROOT)},
                           start_new_session=True) as process:
