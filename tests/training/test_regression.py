@@ -82,7 +82,7 @@ def test_extremes_stay_finite_and_in_range(level):
 
 def test_gradients():
     torch.manual_seed(2)
-    images = [tensor(v).double() for v in scene(16, 16, 0.1)]
+    images = [tensor(v).double() for v in scene(12, 9, 0.1)]
     for v in images[:3]:
         v.requires_grad_()
     assert torch.autograd.gradcheck(
