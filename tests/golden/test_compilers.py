@@ -37,7 +37,7 @@ def test_same_bytes(compiler: str, level: str, build: Path, tmp_path: Path):
     if not shutil.which(compiler):
         pytest.skip(f"optional: {compiler} is not installed")
     core, program = build / "lib" / "liblull.a", tmp_path / "test_schedules"
-    if not is_built(build, compiler, level, tmp_path):
+    if not (core.exists() and is_built(build, compiler, level, tmp_path)):
         core = make("lib/liblull.a", compiler, level, tmp_path)
     subprocess.run([compiler, "-std=c99", level, "-ffp-contract=off", "-Ilib",
                     "tests/golden/test_schedules.c", core, "-lm", "-o", program],
