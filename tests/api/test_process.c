@@ -70,13 +70,14 @@ static int default_threads(void)
 }
 
 /* From here on the process cannot ask which CPUs it may use: a sandbox may forbid it, and the
- * answer of a machine of more than 1024 CPUs does not fit. 0: the system has no such filters. */
+ * answer of a machine of more than 1024 CPUs does not fit. (ENOSYS: threads of sanitizers take no
+ * other error.) 0: the system has no such filters. */
 static int hide_cpus(void)
 {
     struct sock_filter steps[] = {
         BPF_STMT(BPF_LD | BPF_W | BPF_ABS, offsetof(struct seccomp_data, nr)),
         BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, SYS_sched_getaffinity, 0, 1),
-        BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_ERRNO | EINVAL),
+        BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_ERRNO | ENOSYS),
         BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_ALLOW)};
     struct sock_fprog program = {sizeof steps / sizeof *steps, steps};
 
