@@ -9,37 +9,40 @@
 
 /* Parameters that an environment variable overrides. */
 static const struct {
-    const char *variable;
-    enum lull_slot slot;
+    const char *variable, *parameter;
 } overrides[] = {
-    {"OIDN_VERBOSE", lull_value_verbose},
-    {"OIDN_NUM_THREADS", lull_value_num_threads},
-    {"OIDN_SET_AFFINITY", lull_value_set_affinity},
+    {"OIDN_VERBOSE", "verbose"},
+    {"OIDN_NUM_THREADS", "numThreads"},
+    {"OIDN_SET_AFFINITY", "setAffinity"},
 };
 #define OVERRIDES (sizeof overrides / sizeof *overrides)
 
+static void store_parameter(OIDNDevice device, const char *name, int value, int verbose,
+                            lull_fault *fault)
+{
+    lull_param_set_int(device->values, LULL_DEVICE, name, value, verbose, fault);
+    if (!strcmp(name, "setAffinity"))
+        device->affinity_asked = true;
+}
+
 static void apply_environment(OIDNDevice device)
 {
+    lull_fault none = {0};
     size_t i;
 
-    for (i = 0; i < OVERRIDES; i++) {
-        const enum lull_slot slot = overrides[i].slot;
-
-        device->values[slot].i = lull_env_int(overrides[i].variable, device->values[slot].i);
-    }
-    if (lull_env_is_set("OIDN_SET_AFFINITY"))
-        device->affinity_asked = true;
-    device->values[lull_value_set_affinity].i = device->values[lull_value_set_affinity].i != 0;
+    for (i = 0; i < OVERRIDES; i++)
+        if (lull_env_is_set(overrides[i].variable))
+            store_parameter(device, overrides[i].parameter, lull_env_int(overrides[i].variable, 0),
+                            0, &none);
 }
 
 /* The variable that fixes this parameter, or NULL. */
 static const char *overriding_variable(const char *name)
 {
-    const lull_param *param = lull_param_find(LULL_DEVICE, name);
     size_t i;
 
-    for (i = 0; param && i < OVERRIDES; i++)
-        if (overrides[i].slot == param->slot && lull_env_is_set(overrides[i].variable))
+    for (i = 0; i < OVERRIDES; i++)
+        if (!strcmp(overrides[i].parameter, name) && lull_env_is_set(overrides[i].variable))
             return overrides[i].variable;
     return NULL;
 }
@@ -194,14 +197,11 @@ static void set_parameter(OIDNDevice device, const char *name, int value, lull_f
         return;
     }
     variable = overriding_variable(name);
-    if (variable) {
+    if (variable)
         lull_warn(verbose, "device parameter '%s' is overridden by the environment variable %s",
                   name, variable);
-    } else {
-        lull_param_set_int(device->values, LULL_DEVICE, name, value, verbose, fault);
-        if (!strcmp(name, "setAffinity"))
-            device->affinity_asked = true;
-    }
+    else
+        store_parameter(device, name, value, verbose, fault);
     device->dirty = true;
 }
 

@@ -107,12 +107,11 @@ int lull_env_is_set(const char *name)
 
 int lull_env_int(const char *name, int otherwise)
 {
-    const char *text = getenv(name);
     long value;
 
-    if (!text || !*text)
+    if (!lull_env_is_set(name))
         return otherwise;
-    value = strtol(text, NULL, 10);
+    value = strtol(getenv(name), NULL, 10);
     return value > INT_MAX ? INT_MAX : value < INT_MIN ? INT_MIN : (int)value;
 }
 

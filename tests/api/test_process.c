@@ -59,49 +59,6 @@ static void thread_counts(void)
     free(out);
 }
 
-#if defined(__linux__) && LULL_WITH_THREADS
-static int default_threads(void)
-{
-    OIDNDevice device = new_device();
-    int threads = oidnGetDeviceInt(device, "numThreads");
-
-    oidnReleaseDevice(device);
-    return threads;
-}
-
-/* From here on the process cannot ask which CPUs it may use: a sandbox may forbid it, and the
- * answer of a machine of more than 1024 CPUs does not fit. (ENOSYS: threads of sanitizers take no
- * other error.) 0: the system has no such filters. */
-static int hide_cpus(void)
-{
-    struct sock_filter steps[] = {
-        BPF_STMT(BPF_LD | BPF_W | BPF_ABS, offsetof(struct seccomp_data, nr)),
-        BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, SYS_sched_getaffinity, 0, 1),
-        BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_ERRNO | ENOSYS),
-        BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_ALLOW)};
-    struct sock_fprog program = {sizeof steps / sizeof *steps, steps};
-
-    return !prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) &&
-           !prctl(PR_SET_SECCOMP, SECCOMP_MODE_FILTER, &program);
-}
-static void threads_where_cpus_are_hidden(void)
-{
-    int threads = default_threads(), status = 0;
-    pid_t child;
-
-    if (is_peer())
-        SKIP("optional: Open Image Denoise has rules of its own");
-    fflush(NULL);
-    child = fork();
-    if (!child)
-        _exit(!hide_cpus() ? 2 : default_threads() < threads);
-    CHECK(waitpid(child, &status, 0) == child && WIFEXITED(status));
-    if (WEXITSTATUS(status) == 2)
-        SKIP("optional: this system has no filters of system calls");
-    CHECK(WEXITSTATUS(status) == 0);
-}
-#endif
-
 /* The result for an image of HDR noise, by weights that are not whole numbers. */
 static void denoise_noise(float *out)
 {
@@ -304,6 +261,54 @@ static int in_child(const char *name, const char *value, int (*check)(void))
     return WEXITSTATUS(status);
 }
 
+#if defined(__linux__) && LULL_WITH_THREADS
+/* From here on the process cannot ask which CPUs it may use: a sandbox may forbid it, and the
+ * answer of a machine of more than 1024 CPUs does not fit. (ENOSYS: threads of sanitizers take no
+ * other error.) 0: the system has no such filters. */
+static int hide_cpus(void)
+{
+    struct sock_filter steps[] = {
+        BPF_STMT(BPF_LD | BPF_W | BPF_ABS, offsetof(struct seccomp_data, nr)),
+        BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, SYS_sched_getaffinity, 0, 1),
+        BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_ERRNO | ENOSYS),
+        BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_ALLOW)};
+    struct sock_fprog program = {sizeof steps / sizeof *steps, steps};
+
+    return !prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) &&
+           !prctl(PR_SET_SECCOMP, SECCOMP_MODE_FILTER, &program);
+}
+
+static int default_threads(void)
+{
+    OIDNDevice device = new_device();
+    const int threads = oidnGetDeviceInt(device, "numThreads");
+
+    oidnReleaseDevice(device);
+    return threads;
+}
+
+static int threads_of_known_cpus;
+
+/* 2: they cannot be hidden. */
+static int as_many_threads(void)
+{
+    return !hide_cpus() ? 2 : default_threads() < threads_of_known_cpus;
+}
+
+static void threads_where_cpus_are_hidden(void)
+{
+    int status;
+
+    if (is_peer())
+        SKIP("optional: Open Image Denoise has rules of its own");
+    threads_of_known_cpus = default_threads();
+    status = in_child(NULL, NULL, as_many_threads);
+    if (status == 2)
+        SKIP("optional: this system has no filters of system calls");
+    CHECK_EQ(status, 0);
+}
+#endif
+
 static int one_thread(void)
 {
     OIDNDevice device = oidnNewDevice(OIDN_DEVICE_TYPE_CPU);
@@ -329,23 +334,18 @@ static int no_affinity(void)
     return !ok;
 }
 
-static int affinity_is_one(void)
+/* What a device has before anything is set. */
+static int initial_value(const char *name)
 {
     OIDNDevice device = oidnNewDevice(OIDN_DEVICE_TYPE_CPU);
-    const int ok = oidnGetDeviceInt(device, "setAffinity") == 1;
+    const int value = oidnGetDeviceInt(device, name);
 
     oidnReleaseDevice(device);
-    return !ok;
+    return value;
 }
 
-static int most_threads(void)
-{
-    OIDNDevice device = oidnNewDevice(OIDN_DEVICE_TYPE_CPU);
-    const int ok = oidnGetDeviceInt(device, "numThreads") == INT_MAX;
-
-    oidnReleaseDevice(device);
-    return !ok;
-}
+static int affinity_is_one(void) { return initial_value("setAffinity") != 1; }
+static int most_threads(void) { return initial_value("numThreads") != INT_MAX; }
 
 static int verbose_two(void)
 {
