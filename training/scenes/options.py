@@ -74,11 +74,16 @@ def is_finished(out: str, group: str, wanted: dict) -> bool:
         return False
     except (OSError, ValueError, AttributeError) as err:
         raise ToolError(f"{path}: cannot read ({err})", DATA) from None
+    check_same(path, "group was made", had, wanted)
+    return True
+
+
+def check_same(path: str, made: str, had: dict, wanted: dict) -> None:
+    """ToolError unless what a file says has the options that are wanted; made: of what, how."""
     for k, v in wanted.items():
         if had.get(k) != v:
-            raise ToolError(f"{path}: this group was made with {k} = {had.get(k)}, not {v}; use "
-                            "another OUT", STATE)
-    return True
+            raise ToolError(f"{path}: this {made} with {k} = {had.get(k)}, not {v}; use another "
+                            "OUT", STATE)
 
 
 def seed_list(text: str) -> list[int]:

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from training import errors
-from training.errors import DATA, OUTPUT, STATE, USAGE, ToolError
+from training.errors import DATA, OUTPUT, USAGE, ToolError
 from training.imageio import replacing
 
 from . import backend, options
@@ -131,10 +131,7 @@ def _same_options(out: str, args: argparse.Namespace) -> None:
     if os.path.exists(path):
         with open(path) as f:
             had = {"windows": 0.0, "unaimed": 0.0} | json.load(f)  # folders from before them
-        for k, v in keep.items():
-            if had.get(k) != v:
-                raise ToolError(f"{path}: this folder was rendered with {k} = {had.get(k)}, "
-                                 f"not {v}; use another OUT", STATE)
+        options.check_same(path, "folder was rendered", had, keep)
         return
     with replacing(Path(path)) as tmp:
         tmp.write_text(json.dumps(keep, indent=1))
