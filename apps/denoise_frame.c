@@ -69,7 +69,7 @@ typedef struct frame_job {
     const denoise_settings *settings;
     int frame;
     denoise_inputs inputs;
-    image output, backup, reference; /* backup: the input of in-place runs, where needed again */
+    image output, backup, reference; /* backup: the input, where it is needed again */
     device_image views[3], output_view;
     int is_hdr, is_srgb; /* settings, or what --repair made of them */
 } frame_job;
@@ -103,23 +103,39 @@ static exit_code device_error(const frame_job *job, int is_commit)
     return report_error(EXIT_DENOISE, "%s: %s", job->inputs.paths[job->inputs.main], text);
 }
 
-/* The memory of the result, of the input's window, type and channels; or, if the result replaces
- * the input and is wanted several times, weaker or steadier, a copy of the input. */
-static exit_code make_output(frame_job *job)
+/* Memory for an image like the input. */
+static exit_code make_like_input(frame_job *job, image *made)
 {
-    image *main = &job->inputs.images[job->inputs.main];
-    image *made = job->settings->is_in_place ? &job->backup : &job->output;
+    const image *main = &job->inputs.images[job->inputs.main];
     image_error error;
-    if (job->settings->is_in_place && job->settings->runs == 1 && job->settings->strength >= 1 &&
-        !job->settings->is_temporal)
-        return EXIT_OK;
     if (image_create(made, main->width, main->height, main->channels, main->type, &error))
         return report_error(EXIT_DENOISE, "%s: %s", job->inputs.paths[job->inputs.main],
                             error.text);
     made->left = main->left, made->top = main->top;
-    if (job->settings->is_in_place)
-        memcpy(made->pixels, main->pixels, image_bytes(main));
     return EXIT_OK;
+}
+
+/* The memory of the result, and a copy of the input if that will be needed when it is no more what
+ * it was: replaced by a result of which several are wanted, or by means over frames, and wanted
+ * weaker. */
+static exit_code make_output(frame_job *job)
+{
+    const denoise_settings *s = job->settings;
+    const image *main = &job->inputs.images[job->inputs.main];
+    exit_code code = s->is_in_place ? EXIT_OK : make_like_input(job, &job->output);
+    if (code || !((s->is_in_place && s->runs > 1) ||
+                  ((s->is_in_place || s->is_temporal) && s->strength < 1)))
+        return code;
+    code = make_like_input(job, &job->backup);
+    if (!code)
+        memcpy(job->backup.pixels, main->pixels, image_bytes(main));
+    return code;
+}
+
+/* The input as it was read. */
+static const image *input_of(const frame_job *job)
+{
+    return job->backup.pixels ? &job->backup : &job->inputs.images[job->inputs.main];
 }
 
 static image *result_of(frame_job *job)
@@ -287,21 +303,21 @@ static exit_code execute(frame_job *job, double *seconds)
     return code;
 }
 
-/* Mixes the result with that of the frame before, if it is wanted steady. */
-static exit_code steady(frame_job *job)
+/* Brings what earlier frames know into the images of this one, if it is wanted steady. */
+static exit_code gather(frame_job *job)
 {
     const denoise_settings *s = job->settings;
-    const image *images = job->inputs.images;
+    image *images = job->inputs.images;
     temporal_frame frame = {0};
     if (!s->is_temporal)
         return EXIT_OK;
     frame.number = job->frame;
-    frame.noisy = s->is_in_place ? &job->backup : &images[IMAGE_COLOR];
+    frame.noisy = &images[IMAGE_COLOR];
     frame.albedo = images[IMAGE_ALBEDO].pixels ? &images[IMAGE_ALBEDO] : NULL;
     frame.normal = images[IMAGE_NORMAL].pixels ? &images[IMAGE_NORMAL] : NULL;
     frame.motion = images[IMAGE_MOTION].pixels ? &images[IMAGE_MOTION] : NULL;
     frame.scale = s->has_motion_scale ? s->motion_scale : NULL;
-    if (temporal_mix(&job->session->steady, result_of(job), &frame))
+    if (temporal_gather(&job->session->steady, &frame))
         return report_error(EXIT_DENOISE, "%s: not enough memory", job->inputs.paths[IMAGE_COLOR]);
     return EXIT_OK;
 }
@@ -310,8 +326,7 @@ static exit_code steady(frame_job *job)
 static void weaken(frame_job *job)
 {
     const float strength = job->settings->strength;
-    const image *main = &job->inputs.images[job->inputs.main];
-    const image *input = job->settings->is_in_place ? &job->backup : main;
+    const image *input = input_of(job);
     image *result = result_of(job);
     for (size_t i = 0, n = image_count(result); strength < 1 && i < n; i++) {
         float from = image_get(input, i), to = image_get(result, i);
@@ -332,10 +347,8 @@ static void save_debug(const char *path, const image *img)
 static void save_debug_images(frame_job *job)
 {
     report_line("Saving debug images\n");
-    if (!job->settings->is_in_place)
-        save_debug("denoise_in.pfm", &job->inputs.images[job->inputs.main]);
-    else if (job->backup.pixels)
-        save_debug("denoise_in.pfm", &job->backup);
+    if (job->backup.pixels || !job->settings->is_in_place)
+        save_debug("denoise_in.pfm", input_of(job));
     save_debug("denoise_out.pfm", result_of(job));
     if (job->reference.pixels)
         save_debug("denoise_ref.pfm", &job->reference);
@@ -383,10 +396,10 @@ static exit_code run_once(frame_job *job, int run, uint32_t *hash)
         rewind_input(job);
     report_line("Denoising\n");
     code = execute(job, &seconds);
-    if (!code)
-        code = steady(job);
     if (code)
         return code;
+    if (job->settings->is_temporal)
+        temporal_mix(&job->session->steady, result_of(job), job->frame);
     weaken(job);
     mine = image_hash(result_of(job));
     snprintf(text, sizeof text, "%08x", (unsigned)mine);
@@ -519,6 +532,8 @@ static exit_code process(frame_job *job)
     code = make_output(job);
     if (!code && job->settings->reference)
         code = denoise_load_reference(&job->reference, job->settings, &job->inputs, job->frame);
+    if (!code)
+        code = gather(job);
     if (!code)
         code = make_views(job);
     if (!code)

@@ -141,7 +141,7 @@ static const option table[] = {
          "use no albedo and normals but those of --alb and --nrm"),
     CALL("o out output", add_output, "FILE", "where to write; may be given several times"),
     TEXT("frames", frames, "LIST", "1-240 or 1,5,10-20x2: for names with #### or %04d"),
-    FLAG("temporal", is_temporal, 1, "with --frames: less flicker, by the frames before"),
+    FLAG("temporal", is_temporal, 1, "with --frames: less noise and flicker, by the frames before"),
     TEXT("motion", files[IMAGE_MOTION], "FILE",
          "with --temporal: where pixels were in the frame before, less where they are"),
     CALL("motion_scale motion-scale", set_motion_scale, "X,Y",

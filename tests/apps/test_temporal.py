@@ -42,7 +42,7 @@ def write_frames(work, pans: list[float], vectors: bool = True, light=None, seed
 def results(work, denoise, *options: str, frames: str = f"0-{FRAMES - 1}") -> list[np.ndarray]:
     done = denoise(*NAMES, "--frames", frames, "-o", "o#.pfm", *options)
     assert done.code == 0, done.err
-    found = sorted(work.glob("o*.pfm"))
+    found = sorted(work.glob("o*.pfm"), key=lambda path: int(path.stem[1:]))
     images = [t.read_pfm(p) for p in found]
     for path in found:
         path.unlink()
@@ -73,7 +73,7 @@ def test_flicker_and_error_are_less(denoise, work, pans, options):
     steady = results(work, denoise, "--temporal", *options)
     assert np.array_equal(steady[0], alone[0])
     assert flicker(steady, clean, pans) < 0.5 * flicker(alone, clean, pans)
-    assert error(steady, clean) < 0.85 * error(alone, clean)
+    assert error(steady, clean) < 0.6 * error(alone, clean)
 
 
 @pytest.mark.parametrize("sign", [(1, -1), (1, 1), (-1, 1), (-1, -1)])
@@ -98,6 +98,25 @@ def test_light_that_changes_is_followed(denoise, work):
         assert ((steady[k] - clean[k]) ** 2).mean() < 1.3 * ((alone[k] - clean[k]) ** 2).mean()
 
 
+def test_light_that_fades_is_followed(denoise, work):
+    """Each frame by less than chance shows, in many frames by much."""
+    light = [0.9 ** k for k in range(12)]
+    clean = write_frames(work, [0.0] * 12, light=light)
+    steady = results(work, denoise, "--temporal", *STILL, frames="0-11")
+    for k in range(6, 12):
+        assert abs(steady[k].mean() / clean[k].mean() - 1) < 0.15
+
+
+def test_means_of_many_frames(denoise, work):
+    """Where nothing moves, nine frames are as one of nine times the samples."""
+    clean = write_frames(work, [0.0] * 10)
+    samples = [t.read_pfm(work / f"c{k}.pfm") for k in range(10)]
+    steady = results(work, denoise, "--temporal", *STILL, frames="0-9")
+    t.write_pfm(work / "c0.pfm", np.mean(samples[1:], 0, dtype=np.float32))
+    many = results(work, denoise, frames="0-0")
+    assert ((steady[9] - clean[9]) ** 2).mean() < 1.6 * ((many[0] - clean[9]) ** 2).mean()
+
+
 def test_lamps_do_not_hide_what_changes(denoise, work):
     """Few pixels that are as bright as lamps are."""
     light = [1, 1, 1, 4, 4, 4]
@@ -113,23 +132,23 @@ def test_lamps_do_not_hide_what_changes(denoise, work):
 
 
 def test_a_cut_takes_nothing_over(denoise, work):
+    """But what has like features and like light by chance."""
     pans = [0.0, 0.0, float(WIDTH)]  # another place altogether
-    write_frames(work, pans)
+    clean = write_frames(work, pans)
     alone = results(work, denoise, frames="0-2")
     steady = results(work, denoise, "--temporal", *STILL, frames="0-2")
-    same = (steady[2] == alone[2]).all(-1).mean()
     assert not np.array_equal(steady[1], alone[1])
-    assert same > 0.4  # what has like features by chance is left to the light
-    assert ((steady[2] - alone[2]) ** 2).mean() < 0.2 * (alone[2] ** 2).mean()
+    assert ((steady[2] - clean[2]) ** 2).mean() < 1.1 * ((alone[2] - clean[2]) ** 2).mean()
 
 
 def test_what_was_outside_stays_as_it_is(denoise, work):
+    """But for what denoising takes from the pixels around, and from the mean of the frame."""
     pans = [0.0, 20.0]
     write_frames(work, pans)
     alone = results(work, denoise, frames="0-1")
     steady = results(work, denoise, "--temporal", "--motion", "m#.pfm", frames="0-1")
-    assert np.array_equal(steady[1][:, WIDTH - 20:], alone[1][:, WIDTH - 20:])
-    assert not np.array_equal(steady[1][:, :WIDTH - 20], alone[1][:, :WIDTH - 20])
+    change = np.abs(steady[1] / alone[1] - 1)
+    assert np.median(change[:, WIDTH - 12:]) < 0.2 * np.median(change[:, :WIDTH - 20])
 
 
 def test_frames_that_do_not_follow_are_not_mixed(denoise, work):
@@ -157,21 +176,29 @@ def test_strength_is_of_the_steady_result(denoise, work):
     assert np.allclose(half[2], noisy + 0.5 * (whole[2] - noisy), rtol=1e-5, atol=1e-6)
 
 
-def test_values_that_are_no_numbers(denoise, work):
-    write_frames(work, [0.0] * 3)
+def test_vectors_that_are_no_numbers(denoise, work):
+    write_frames(work, [0.0] * 2)
     vectors = t.read_pfm(work / "m1.pfm").copy()
     vectors[:10] = np.nan
     vectors[10:20] = np.inf
     vectors[20:30] = 1e30
     t.write_pfm(work / "m1.pfm", vectors)
-    noisy = t.read_pfm(work / "c1.pfm").copy()
-    noisy[40:44, 40:44] = np.nan
-    noisy[50:54, 40:44] = np.inf
-    t.write_pfm(work / "c1.pfm", noisy)
-    alone = results(work, denoise, frames="0-2")
-    steady = results(work, denoise, "--temporal", "--motion", "m#.pfm", frames="0-2")
-    assert all(np.isfinite(image).all() for image in steady)
-    assert np.array_equal(steady[1][:30], alone[1][:30])
+    alone = results(work, denoise, frames="0-1")
+    steady = results(work, denoise, "--temporal", "--motion", "m#.pfm", frames="0-1")
+    change = np.abs(steady[1] / alone[1] - 1)
+    assert np.median(change[:20]) < 0.2 * np.median(change[40:])
+
+
+def test_values_that_are_no_numbers_are_those_of_before(denoise, work):
+    clean = write_frames(work, [0.0] * 3)
+    for k, bad in ((1, np.nan), (2, np.inf)):
+        noisy = t.read_pfm(work / f"c{k}.pfm").copy()
+        noisy[40:44, 40:44] = bad
+        t.write_pfm(work / f"c{k}.pfm", noisy)
+    steady = results(work, denoise, "--temporal", *STILL, frames="0-2")
+    for image, truth in zip(steady, clean):
+        assert np.isfinite(image).all()
+        assert np.abs(image / truth - 1)[36:48, 36:48].max() < 0.5
 
 
 def test_results_that_are_infinite(denoise, work):
