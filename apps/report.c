@@ -25,8 +25,6 @@ exit_code report_error(exit_code code, const char *format, ...)
     return code;
 }
 
-const char *report_last_error(void) { return last_error; }
-
 void report_be_quiet(void)
 {
     is_quiet = 1;

@@ -24,9 +24,6 @@ typedef enum exit_code {
 /* Prints "Error: ..." to stderr as one line, and remembers it. Returns the code. */
 exit_code report_error(exit_code code, const char *format, ...) REPORT_PRINTF(2, 3);
 
-/* The last error's text, "" if there was none. */
-const char *report_last_error(void);
-
 /* Prints to stdout unless report_be_quiet was called (for --json, whose object stands there alone:
  * what libraries print goes to stderr). */
 void report_line(const char *format, ...) REPORT_PRINTF(1, 2);

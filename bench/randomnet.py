@@ -21,10 +21,9 @@ OUTPUTS = {"pu": (0.3, 0.05), "log": (0.1, 0.03), "srgb": (0.5, 0.2), "linear": 
 
 
 @torch.no_grad()
-def random_model(model: str, codes: torch.Tensor, transfer: str = "pu",
-                 seed: int = 1) -> nn.Module:
+def random_model(model: str, codes: torch.Tensor, transfer: str) -> nn.Module:
     """A model of configs/models.json. `codes`: network input of a picture, [1,C,H,W]."""
-    torch.manual_seed(seed)
+    torch.manual_seed(1)
     net = nets.build(model, codes.shape[1])
     codes = nets.pad_to(codes)
     last = net.net.layers[-1].name
@@ -44,9 +43,8 @@ def random_model(model: str, codes: torch.Tensor, transfer: str = "pu",
     return net
 
 
-def write_random(path: Path, model: str, codes: torch.Tensor, transfer: str = "pu",
-                 seed: int = 1) -> Path:
+def write_random(path: Path, model: str, codes: torch.Tensor, transfer: str = "pu") -> Path:
     """Writes such weights as fp16 TZA."""
-    net = random_model(model, codes, transfer, seed)
+    net = random_model(model, codes, transfer)
     write_weights(path, {name: value.numpy() for name, value in net.state_dict().items()})
     return path

@@ -12,12 +12,6 @@ import numpy as np
 BAND = 1 << 18  # pixels computed together: bounds the memory
 
 
-def shape_after(shape: tuple[int, ...], up: bool, pool: bool) -> tuple[int, int]:
-    """Height and width of a layer's output from the source's shape."""
-    h, w = (shape[0] * 2, shape[1] * 2) if up else shape[:2]
-    return (h // 2, w // 2) if pool else (h, w)
-
-
 def _rows(x: np.ndarray, first: int, last: int, dtype) -> np.ndarray:
     """Rows [first, last) of x with zeros outside, and one zero column on both sides."""
     h, w, c = x.shape

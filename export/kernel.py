@@ -66,12 +66,12 @@ class Trunk(Net):
         return frozenset()
 
 
-def read_trunks(path: Path = NETS_DEF) -> list[Trunk]:
+def read_trunks() -> list[Trunk]:
     """The K nets of nets.def."""
     rows = [[a.strip() for a in body.split(",")]
-            for body in re.findall(r"^HEAD\s*\((.*?)\)", path.read_text(), flags=re.M)]
+            for body in re.findall(r"^HEAD\s*\((.*?)\)", NETS_DEF.read_text(), flags=re.M)]
     trunks = []
-    for net in read_nets(path):
+    for net in read_nets():
         if net.family != "K":
             continue
         heads = sorted((int(level), name, source) for n, name, source, level in rows
@@ -212,9 +212,9 @@ def sums_5x5(weights: np.ndarray, v: np.ndarray) -> np.ndarray:
     return out
 
 
-def _quotient(sums: np.ndarray, otherwise: float) -> np.ndarray:
+def _quotient(sums: np.ndarray) -> np.ndarray:
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(sums[..., :1] > 0, sums[..., 1:] * (F(1) / sums[..., :1]), F(otherwise))
+        return np.where(sums[..., :1] > 0, sums[..., 1:] * (F(1) / sums[..., :1]), F(0))
 
 
 def _upsampled(x: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
@@ -260,11 +260,11 @@ def apply_filter(heads: list[np.ndarray], radiance: np.ndarray, albedo: np.ndarr
         c = table[head[..., CONFIDENCE:CONFIDENCE + 1]]
         v = np.concatenate((c, c * i), -1)
         confident.append(v)
-        filtered.append(_quotient(sums_5x5(table[head[..., :TAPS]], v), 0.0))
+        filtered.append(_quotient(sums_5x5(table[head[..., :TAPS]], v)))
         blends.append(blend_table()[head[..., BLEND:BLEND + 1]])
         even = np.pad(v, ((0, v.shape[0] % 2), (0, v.shape[1] % 2), (0, 0)))
         pooled = ((even[::2, ::2] + even[::2, 1::2]) + even[1::2, ::2]) + even[1::2, 1::2]
-        i = _quotient(pooled, 0.0)
+        i = _quotient(pooled)
     out = filtered[-1]
     for level in range(LEVELS - 2, -1, -1):
         f = filtered[level]

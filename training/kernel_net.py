@@ -51,7 +51,7 @@ def make_input(radiance: Tensor, albedo: Tensor | None, normal: Tensor | None,
     """Codes / 255 of the network's input, [N,12,H,W]; radiance exposed, normal in [-1,1].
 
     The presence of features may differ inside a batch: then albedo and normal are tensors and
-    `clipped`, `has_albedo`, `has_normal` are given by `make_mixed_input`.
+    `clipped`, `has_albedo`, `has_normal` are given to `mixed_input`.
     """
     n, _, h, w = radiance.shape
     ones = radiance.new_ones(n, 1, h, w)

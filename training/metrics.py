@@ -10,7 +10,6 @@ import torch
 from training import color
 from training.errors import DATA, DEPENDENCY, ToolError
 from training.loss import TAPS, msssim_value, ssim_value
-from training.scan import MAIN_FEATURES
 
 
 def require_numbers(image: np.ndarray, name: str | Path) -> None:
@@ -96,7 +95,3 @@ def to_codes(image: np.ndarray, feature: str, exposure: float = 1.0) -> np.ndarr
     if feature == "nrm":
         return np.clip(np.asarray(image, np.float32) * 0.5 + 0.5, 0.0, 1.0)
     return to_display(image, feature, exposure)
-
-
-def is_color(feature: str) -> bool:
-    return feature in MAIN_FEATURES or feature in ("alb", "srgb")

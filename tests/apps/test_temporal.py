@@ -18,10 +18,9 @@ def texture(seed: int, height: int = HEIGHT, width: int = 2 * WIDTH) -> dict[str
     return {"clean": s["clean"], "albedo": s["albedo"], "normal": s["normal"]}
 
 
-def write_frames(work, pans: list[float], vectors: bool = True, light=None, seed: int = 5,
-                 sign=(1, -1)) -> list[np.ndarray]:
+def write_frames(work, pans: list[float], light=None, sign=(1, -1)) -> list[np.ndarray]:
     """Frames of a picture seen from `pans` pixels to the right on; returns them without noise."""
-    s, clean = texture(seed), []
+    s, clean = texture(5), []
     rng = np.random.default_rng(7)
     for k, pan in enumerate(pans):
         left = int(pan)
@@ -32,10 +31,9 @@ def write_frames(work, pans: list[float], vectors: bool = True, light=None, seed
         t.write_pfm(work / f"c{k}.pfm", clean[-1] * noise)
         t.write_pfm(work / f"a{k}.pfm", part["albedo"])
         t.write_pfm(work / f"n{k}.pfm", part["normal"])
-        if vectors:
-            moved = np.zeros((HEIGHT, WIDTH, 3), np.float32)
-            moved[..., 0] = (pan - pans[max(k - 1, 0)]) * sign[0]
-            t.write_pfm(work / f"m{k}.pfm", moved)
+        moved = np.zeros((HEIGHT, WIDTH, 3), np.float32)
+        moved[..., 0] = (pan - pans[max(k - 1, 0)]) * sign[0]
+        t.write_pfm(work / f"m{k}.pfm", moved)
     return clean
 
 

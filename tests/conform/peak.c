@@ -10,8 +10,6 @@
 #define TWELVE(X) EIGHT(X) X(8) X(9) X(10) X(11)
 #define TWENTY_FOUR(X) \
     TWELVE(X) X(12) X(13) X(14) X(15) X(16) X(17) X(18) X(19) X(20) X(21) X(22) X(23)
-#define STRING_(x) #x
-#define STRING(x) STRING_(x)
 
 /* `accumulators` independent sums in registers 0 on; zeroes them and the operands 24 to 28 (or,
  * in 256 bits, 12 to 15). Each step is `macs` multiply-accumulates. */

@@ -48,10 +48,9 @@ def noisy(clean: dict[str, np.ndarray], spp: int, seed: int) -> dict[str, np.nda
             "nrm": clean["nrm"]}
 
 
-def write_features(folder: Path, stem: str, images: dict[str, np.ndarray],
-                   ext: str = "exr") -> None:
+def write_features(folder: Path, stem: str, images: dict[str, np.ndarray]) -> None:
     for feature, image in images.items():
-        write_image(folder / f"{stem}.{feature}.{ext}", image.astype(np.float32))
+        write_image(folder / f"{stem}.{feature}.exr", image.astype(np.float32))
 
 
 def make_raw(root: Path, groups: int = 5, spp: tuple[int, ...] = (1, 4), ref: str = "ref",

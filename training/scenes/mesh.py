@@ -74,10 +74,10 @@ def faceted(m: Mesh) -> Mesh:
                 m.uv[f].reshape(-1, 2), c)
 
 
-def grid_mesh(p: np.ndarray, close_u: bool = False, close_v: bool = False) -> Mesh:
+def grid_mesh(p: np.ndarray, close_u: bool = False) -> Mesh:
     """Smooth surface through a grid of points p (rows, columns, 3); uv runs 0..1 along both.
 
-    close_u, close_v: the last column/row repeats the first one (normals are joined there).
+    close_u: the last column repeats the first one (normals are joined there).
     """
     rows, cols = p.shape[:2]
     i = np.arange(rows * cols).reshape(rows, cols)
@@ -88,8 +88,6 @@ def grid_mesh(p: np.ndarray, close_u: bool = False, close_v: bool = False) -> Me
     n = smooth_normals(v, f).reshape(rows, cols, 3)
     if close_u:
         n[:, 0] = n[:, -1] = n[:, 0] + n[:, -1]
-    if close_v:
-        n[0] = n[-1] = n[0] + n[-1]
     n /= np.maximum(np.linalg.norm(n, axis=-1, keepdims=True), 1e-20)
     u, w = np.meshgrid(np.linspace(0, 1, cols), np.linspace(0, 1, rows))
     return Mesh(v, f, n.reshape(-1, 3), np.stack([u, w], -1).reshape(-1, 2))

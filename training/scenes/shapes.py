@@ -197,11 +197,6 @@ def twisted_prism(rng: np.random.Generator) -> Mesh:
     return faceted(grid_mesh(np.concatenate([cap, p, cap + (0, 0, 1)])))
 
 
-def stack_of(part: Mesh, poses: list[np.ndarray]) -> Mesh:
-    """Copies of one mesh, merged."""
-    return merge([part.moved(m) for m in poses])
-
-
 def pile(rng: np.random.Generator, make, count: int, spread: float, size: float) -> Mesh:
     """Scattered random copies in a heap."""
     parts = []
