@@ -1,8 +1,8 @@
-"""Networks as lib/nets.def describes them, for tools without torch."""
+"""Networks as lib/nets.def describes them."""
 from __future__ import annotations
 
 import re
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -26,6 +26,15 @@ class Layer:
 
 
 @dataclass(frozen=True)
+class Head:
+    """One HEAD row: a 1x1 convolution with ReLU, for the filter at 1/2^level resolution."""
+
+    name: str
+    source: str
+    level: int
+
+
+@dataclass(frozen=True)
 class Net:
     """One NET row; a weights file that holds `<key>.weight` is of this topology."""
 
@@ -38,21 +47,48 @@ class Net:
     def last(self) -> Layer:
         return self.layers[-1]
 
+    def channels(self, inputs: int, widths: Sequence[int]) -> list[tuple[int, int]]:
+        """Input and output channels of each layer; `widths` holds one number per layer."""
+        out, chain = {"input": inputs}, []
+        for layer, width in zip(self.layers, widths, strict=True):
+            chain.append((out[layer.source] + (out[layer.skip] if layer.skip else 0), width))
+            out[layer.name] = width
+        return chain
+
+    def areas(self) -> list[float]:
+        """Pixels that each layer makes, before pooling, per pixel of the input."""
+        after, areas = {"input": 1.0}, []
+        for layer in self.layers:
+            areas.append(after[layer.source] * (4 if layer.up else 1))
+            after[layer.name] = areas[-1] / (4 if layer.pool else 1)
+        return areas
+
     @property
     def wide(self) -> frozenset[str]:
         """Tensors of any integer model with 15-bit codes; its file may name other wide ones."""
         return frozenset(("input", self.last.source, self.last.name))
 
 
+def _rows(macro: str, path: Path) -> list[list[str]]:
+    """The arguments of each row of this macro."""
+    text = re.sub(r"/\*.*?\*/", "", path.read_text(), flags=re.S)
+    return [[a.strip() for a in body.split(",")]
+            for body in re.findall(rf"^{macro}\s*\((.*?)\)", text, flags=re.M)]
+
+
 def read_nets(path: Path = NETS_DEF) -> list[Net]:
     """Topologies in the order in which a weights file is identified."""
-    text = re.sub(r"/\*.*?\*/", "", path.read_text(), flags=re.S)
-    rows = [[a.strip() for a in body.split(",")]
-            for body in re.findall(r"^(?:NET|LAYER)\s*\((.*?)\)", text, flags=re.M)]
-    return [Net(*row,
+    layers = _rows("LAYER", path)
+    return [Net(name, family, key,
                 tuple(Layer(r[1], r[2], r[3] == "2", None if r[4] == "none" else r[4], r[5] == "2")
-                      for r in rows if len(r) == 6 and r[0] == row[0]))
-            for row in rows if len(row) == 3]
+                      for r in layers if r[0] == name))
+            for name, family, key in _rows("NET", path)]
+
+
+def read_heads(net: str) -> list[Head]:
+    """The heads of a net of family K."""
+    return [Head(name, source, int(level))
+            for of, name, source, level in _rows("HEAD", NETS_DEF) if of == net]
 
 
 def find_net(names: Collection[str], file: str) -> Net:

@@ -5,7 +5,6 @@ convolutions, held here as 3x3 ones with zeros around the tap.
 """
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,7 +15,7 @@ from export import pixels
 from export.calm import calm_share
 from export.edges import averaged, ragged
 from export.grain import without_grain
-from export.graph import ALIGN, NETS_DEF, Layer, ModelError, Net, read_nets
+from export.graph import ALIGN, Layer, ModelError, Net, read_heads, read_nets
 from export.reference import NARROW_MAX, FloatModel, IntLayer, IntModel, _tensor, check_layer
 from export.regression import features_of, regressed
 from export.smooth import (EPS, corrected, guide_of, mixed, noise_codes, shares, smoothed,
@@ -68,17 +67,14 @@ class Trunk(Net):
 
 def read_trunks() -> list[Trunk]:
     """The K nets of nets.def."""
-    rows = [[a.strip() for a in body.split(",")]
-            for body in re.findall(r"^HEAD\s*\((.*?)\)", NETS_DEF.read_text(), flags=re.M)]
     trunks = []
     for net in read_nets():
         if net.family != "K":
             continue
-        heads = sorted((int(level), name, source) for n, name, source, level in rows
-                       if n == net.name)
-        layers = tuple(Layer(name, source, False, None, False) for _, name, source in heads)
+        heads = sorted(read_heads(net.name), key=lambda head: head.level)
+        layers = tuple(Layer(head.name, head.source, False, None, False) for head in heads)
         trunks.append(Trunk(net.name, net.family, net.key, net.layers + layers,
-                            tuple(name for _, name, _ in heads)))
+                            tuple(head.name for head in heads)))
     return trunks
 
 

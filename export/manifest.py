@@ -45,13 +45,11 @@ def digest(path: Path) -> str:
 
 def macs_per_pixel(model: IntTrunk) -> float:
     """Multiply-adds per full-resolution pixel, of the 3x3 kernels before folding and the heads."""
-    area, total = {"input": 1.0}, 0.0
-    for x in model.layers:
-        layer, own = x.layer, area[x.layer.source] * (4 if x.layer.up else 1)
+    total = 0.0
+    for x, area in zip(model.layers, model.net.areas(), strict=True):
         inputs = x.weight.shape[1] + (x.skip.shape[1] if x.skip is not None else 0)
         taps = 1 if x.weight.shape[2] == 3 and not x.weight[:, :, 0].any() else 9
-        total += own * taps * inputs * x.outputs
-        area[layer.name] = own / (4 if layer.pool else 1)
+        total += area * taps * inputs * x.outputs
     return total
 
 

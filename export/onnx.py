@@ -68,7 +68,7 @@ def write_onnx(path: Path, model: DirectNet, height: int, width: int, params: bo
     last = model.net.layers[-1].name
     for layer in model.net.layers:
         source = names[layer.source]
-        if layer.up == 2:
+        if layer.up:
             nodes.append(_node("Resize", [source, "roi", "scales"], f"{layer.name}.up",
                                mode="nearest", coordinate_transformation_mode="asymmetric",
                                nearest_mode="floor"))
@@ -82,7 +82,7 @@ def write_onnx(path: Path, model: DirectNet, height: int, width: int, params: bo
         if layer.name != last:
             nodes.append(_node("Relu", [out], f"{layer.name}.relu"))
             out = f"{layer.name}.relu"
-        if layer.pool == 2:
+        if layer.pool:
             nodes.append(_node("MaxPool", [out], f"{layer.name}.pool", kernel_shape=[2, 2],
                                strides=[2, 2]))
             out = f"{layer.name}.pool"

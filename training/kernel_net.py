@@ -6,39 +6,21 @@ the integer engine computes up to the rounding inside the trunk.
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
+from export.graph import ALIGN, Head, Net
 from training import fused
 from training.kernel_filter import EPS, LEVELS, RADIANCE_MAX, Round, apply_filter, planar
 from training.trunk import Conv, Trunk, usable
 
 INPUTS = 12
-ALIGN = 16  # heights and widths of inputs are multiples of this
 LOG_GAIN, LOG_TOP = 32.0, 128.0   # radiance code: ln(1 + 32 I) / ln(1 + 32 * 128)
 LOG_SCALE = 1.0 / math.log1p(LOG_GAIN * LOG_TOP)
 HEAD_WIDTHS = (52, 27, 27, 27, 27)
-
-
-@dataclass(frozen=True)
-class Head:
-    """One HEAD row of nets.def."""
-
-    name: str
-    source: str
-    level: int
-
-
-def parse_heads(text: str, net: str) -> list[Head]:
-    """The HEAD rows of a net in the text of nets.def."""
-    rows = re.findall(r"^HEAD\s*\(([^)]*)\)", text, flags=re.M)
-    parts = [[a.strip() for a in row.split(",")] for row in rows]
-    return [Head(p[1], p[2], int(p[3])) for p in parts if p[0] == net]
 
 
 def to_code(x: Tensor) -> Tensor:
@@ -96,21 +78,20 @@ def padded_heads(trunk: Callable[[Tensor], list[Tensor]], codes: Tensor) -> list
 class KernelNet(nn.Module):
     """The trunk and heads of a K net; `forward` filters an image with them."""
 
-    def __init__(self, net, heads: list[Head], widths: list[int]):
+    def __init__(self, net: Net, heads: list[Head], widths: list[int]):
         super().__init__()
         self.net, self.heads, self.inputs, self.outputs = net, heads, INPUTS, 3
-        out = {"input": INPUTS}
-        for layer, width in zip(net.layers, widths, strict=True):
-            cin = out[layer.source] + (out[layer.skip] if layer.skip else 0)
-            self.add_module(layer.name, nn.Conv2d(cin, width, 3, padding=1))
-            out[layer.name] = width
+        out = {}
+        for layer, (cin, cout) in zip(net.layers, net.channels(INPUTS, widths), strict=True):
+            self.add_module(layer.name, nn.Conv2d(cin, cout, 3, padding=1))
+            out[layer.name] = cout
         for head in heads:
             conv = nn.Conv2d(out[head.source], HEAD_WIDTHS[head.level], 1)
             with torch.no_grad():
                 conv.bias.fill_(8.0)
                 conv.weight.mul_(0.3)
             self.add_module(head.name, conv)
-        self.convs = [Conv(x.name, x.source, x.skip, x.up == 2, x.pool == 2, 1)
+        self.convs = [Conv(x.name, x.source, x.skip, x.up, x.pool, 1)
                       for x in net.layers] + [Conv(x.name, x.source, None, False, False, 0)
                                               for x in heads]
 
@@ -124,12 +105,12 @@ class KernelNet(nn.Module):
         values = {"input": x}
         for layer in self.net.layers:
             y = values[layer.source]
-            if layer.up == 2:
+            if layer.up:
                 y = F.interpolate(y, scale_factor=2, mode="nearest")
             if layer.skip:
                 y = torch.cat((y, values[layer.skip]), 1)
             y = F.relu_(getattr(self, layer.name)(y))
-            values[layer.name] = F.max_pool2d(y, 2) if layer.pool == 2 else y
+            values[layer.name] = F.max_pool2d(y, 2) if layer.pool else y
         heads = [None] * LEVELS
         for head in self.heads:
             heads[head.level] = getattr(self, head.name)(values[head.source])
@@ -143,11 +124,7 @@ class KernelNet(nn.Module):
 
     def macs_per_pixel(self) -> float:
         """Multiply-adds of the network per pixel, unfolded."""
-        scale, total = {"input": 1.0}, 0.0
-        for layer in self.net.layers:
-            area = scale[layer.source] * layer.up**2
-            total += area * getattr(self, layer.name).weight.numel()
-            scale[layer.name] = area / layer.pool**2
-        for head in self.heads:
-            total += getattr(self, head.name).weight.numel() / 4**head.level
-        return total
+        layers = sum(area * getattr(self, layer.name).weight.numel()
+                     for layer, area in zip(self.net.layers, self.net.areas(), strict=True))
+        return layers + sum(getattr(self, head.name).weight.numel() / 4**head.level
+                            for head in self.heads)

@@ -7,8 +7,6 @@ weights file, `<layer>.weight` and `<layer>.bias`, so a state dict is the conten
 from __future__ import annotations
 
 import json
-import re
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -16,70 +14,20 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
+from export.graph import ALIGN, Net, read_heads, read_nets
 from export.kernel import BILATERAL
 from training.kernel_model import KernelModel
-from training.kernel_net import parse_heads
 
 ROOT = Path(__file__).resolve().parent.parent
-NETS_DEF = ROOT / "lib" / "nets.def"
 MODELS_JSON = Path(__file__).resolve().parent / "configs" / "models.json"
 
-ALIGN = 16  # four 2x2 poolings: height and width of the input are multiples of this
 
-
-@dataclass(frozen=True)
-class Layer:
-    """One LAYER row of nets.def: a 3x3 convolution of the channels (source, skip)."""
-
-    name: str
-    source: str
-    up: int
-    skip: str | None
-    pool: int
-
-
-@dataclass(frozen=True)
-class Topology:
-    """One NET of nets.def; `key` is the layer whose presence identifies it in a weights file."""
-
-    name: str
-    family: str
-    key: str
-    layers: tuple[Layer, ...]
-
-
-def parse_nets(path: Path = NETS_DEF) -> dict[str, Topology]:
-    """Topologies of a nets.def by name, in the order in which weights are identified."""
-    text = re.sub(r"/\*.*?\*/", "", path.read_text(), flags=re.S)
-    text = re.sub(r"^#.*$", "", text, flags=re.M)
-    nets: dict[str, tuple[str, str, list[Layer]]] = {}
-    for macro, body in re.findall(r"\b(NET|LAYER)\s*\(([^)]*)\)", text):
-        args = [a.strip() for a in body.split(",")]
-        if macro == "NET":
-            nets[args[0]] = (args[1], args[2], [])
-        else:
-            net, name, source, up, skip, pool = args
-            nets[net][2].append(
-                Layer(name, source, int(up), None if skip == "none" else skip, int(pool)))
-    return {n: Topology(n, fam, key, tuple(layers)) for n, (fam, key, layers) in nets.items()}
-
-
-def identify(names: list[str]) -> Topology:
+def identify(names: list[str]) -> Net:
     """The topology of a weights file that holds the tensors `names`."""
-    for net in parse_nets().values():
+    for net in read_nets():
         if f"{net.key}.weight" in names:
             return net
     raise ValueError("the tensors belong to no known network")
-
-
-def channel_chain(net: Topology, inputs: int, widths: list[int]) -> list[tuple[int, int]]:
-    """(input, output) channels of each layer; `widths` holds one number per layer."""
-    out = {"input": inputs}
-    chain = []
-    for layer, width in zip(net.layers, widths, strict=True):
-        chain.append((out[layer.source] + (out[layer.skip] if layer.skip else 0), width))
-        out[layer.name] = width
-    return chain
 
 
 class DirectNet(nn.Module):
@@ -89,10 +37,10 @@ class DirectNet(nn.Module):
     its output at 0.
     """
 
-    def __init__(self, net: Topology, inputs: int, widths: list[int]):
+    def __init__(self, net: Net, inputs: int, widths: list[int]):
         super().__init__()
         self.net, self.inputs, self.outputs = net, inputs, widths[-1]
-        for layer, (cin, cout) in zip(net.layers, channel_chain(net, inputs, widths), strict=True):
+        for layer, (cin, cout) in zip(net.layers, net.channels(inputs, widths), strict=True):
             self.add_module(layer.name, nn.Conv2d(cin, cout, 3, padding=1))
 
     def forward(self, x: Tensor) -> Tensor:
@@ -100,26 +48,22 @@ class DirectNet(nn.Module):
         last = self.net.layers[-1].name
         for layer in self.net.layers:
             y = values[layer.source]
-            if layer.up == 2:
+            if layer.up:
                 y = F.interpolate(y, scale_factor=2, mode="nearest")
             if layer.skip:
                 y = torch.cat((y, values[layer.skip]), 1)
             y = getattr(self, layer.name)(y)
             if layer.name != last:
                 y = F.relu_(y)
-            if layer.pool == 2:
+            if layer.pool:
                 y = F.max_pool2d(y, 2)
             values[layer.name] = y
         return y
 
     def macs_per_pixel(self) -> float:
         """Multiply-adds per full-resolution pixel of one run."""
-        total, scale = 0.0, {"input": 1.0}
-        for layer in self.net.layers:
-            area = scale[layer.source] * layer.up**2
-            total += area * getattr(self, layer.name).weight.numel()
-            scale[layer.name] = area / layer.pool**2
-        return total
+        return sum(area * getattr(self, layer.name).weight.numel()
+                   for layer, area in zip(self.net.layers, self.net.areas(), strict=True))
 
 
 def model_table() -> dict[str, dict]:
@@ -127,7 +71,7 @@ def model_table() -> dict[str, dict]:
     return json.loads(MODELS_JSON.read_text())
 
 
-def find_model(model: str) -> tuple[Topology, list[int]]:
+def find_model(model: str) -> tuple[Net, list[int]]:
     """Topology and widths of a model by name, or of `<topology>:width,width,...`."""
     if ":" in model:
         name, text = model.split(":", 1)
@@ -140,7 +84,7 @@ def find_model(model: str) -> tuple[Topology, list[int]]:
         if model not in table:
             raise ValueError(f"unknown model '{model}' (known: {', '.join(table)})")
         spec = table[model]
-    nets = parse_nets()
+    nets = {net.name: net for net in read_nets()}
     if spec["net"] not in nets:
         raise ValueError(f"unknown topology '{spec['net']}' (known: {', '.join(nets)})")
     net = nets[spec["net"]]
@@ -156,9 +100,9 @@ def build(model: str, inputs: int, outputs: int = 3) -> nn.Module:
     return _module(net, inputs, widths if net.family == "K" else [*widths, outputs])
 
 
-def _module(net: Topology, inputs: int, widths: list[int]) -> nn.Module:
+def _module(net: Net, inputs: int, widths: list[int]) -> nn.Module:
     if net.family == "K":
-        return KernelModel(net, parse_heads(NETS_DEF.read_text(), net.name), widths)
+        return KernelModel(net, read_heads(net.name), widths)
     return DirectNet(net, inputs, widths)
 
 

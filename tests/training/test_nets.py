@@ -6,6 +6,7 @@ import torch.nn.functional as F
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from export.graph import Layer, Net, read_nets
 from training import nets
 
 
@@ -14,10 +15,8 @@ def test_parser_reads_rows_and_ignores_comments(tmp_path):
     path.write_text("/* NET(no, U, x) */\n#ifndef NET\n#define NET(a, b, c)\n#endif\n"
                     "NET(one, U, b)\nLAYER(one, a, input, 1, none, 2)\n"
                     "LAYER(one, b, a, 2, input, 1)\n")
-    net = nets.parse_nets(path)["one"]
-    assert net.family == "U" and net.key == "b"
-    assert net.layers == (nets.Layer("a", "input", 1, None, 2),
-                          nets.Layer("b", "a", 2, "input", 1))
+    assert read_nets(path) == [Net("one", "U", "b", (Layer("a", "input", False, None, True),
+                                                     Layer("b", "a", True, "input", False)))]
 
 
 # Parameters and multiply-adds per pixel (9 inputs) of the models of Open Image Denoise.
