@@ -14,28 +14,11 @@ build=${LULL_BUILD:-$root/build}
 python=${PYTHON:-$build/venv/bin/python}
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
-passed=0
-failed=0
-skipped=0
+. "$root/tests/counts.sh"
 
-ok() {
+ok() { # is told of, too: this takes minutes
     echo "ok   $1"
     passed=$((passed + 1))
-}
-bad() {
-    echo "FAIL $1"
-    [ ! -f "$work/log" ] || tail -30 "$work/log"
-    failed=$((failed + 1))
-}
-try() { # NAME COMMAND...
-    name=$1
-    shift
-    if "$@" >"$work/log" 2>&1; then ok "$name"; else bad "$name"; fi
-}
-finish() {
-    echo "$passed passed, $failed failed, $skipped skipped"
-    [ "$failed" = 0 ]
-    exit
 }
 
 package=$("$python" -c 'import importlib.util as u
@@ -200,7 +183,6 @@ if command -v valgrind >/dev/null 2>&1; then
         --leak-check=full --errors-for-leak-kinds=definite,indirect,possible \
         bin/oidnTest '[minimal]'
 else
-    echo "SKIP memcheck: optional: valgrind is not installed"
-    skipped=$((skipped + 1))
+    skip memcheck "optional: valgrind is not installed"
 fi
 finish

@@ -9,13 +9,6 @@ work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 . "$root/tests/counts.sh"
 
-# $1 test, the rest a command
-try() {
-    name=$1
-    shift
-    if "$@" >"$work/log" 2>&1; then ok; else bad "$name"; fi
-}
-
 cat >"$work/main.c" <<'END'
 #include <OpenImageDenoise/oidn.h>
 #include <stdio.h>

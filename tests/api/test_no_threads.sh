@@ -7,10 +7,8 @@ build=${LULL_BUILD:-$root/build}
 CC=${CC:-cc}
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
-passed=0
-failed=0
-skipped=0
 cd "$root"
+. tests/counts.sh
 
 flags="-std=c99 -O1 -Wall -Wextra -Werror -D_POSIX_C_SOURCE=200809L -DLULL_WITH_THREADS=0 -Ilib
 -Ioidn/include -Iweights -Itests -I."
@@ -22,11 +20,8 @@ done
 weights=
 if [ -f "$build/obj/weights.o" ]; then weights=$build/obj/weights.o; fi
 if nm -u "$work"/oidn/*.o | grep -E 'pthread_|sem_'; then
-    echo "FAIL symbols: threads are referred to"
-    failed=$((failed + 1))
-else
-    passed=$((passed + 1))
-fi
+    bad "symbols: threads are referred to"
+else ok; fi
 for program in test_device test_buffer test_filter test_commit test_async test_release \
     test_images test_process test_memory test_auto; do
     wrap=
@@ -35,15 +30,7 @@ for program in test_device test_buffer test_filter test_commit test_async test_r
     $CC $flags "tests/api/$program.c" "$work"/oidn/*.o $weights "$build/lib/liblull.a" $wrap -lm \
         -o "$work/$program"
     "$work/$program" >"$work/log" 2>&1 || true
-    set -- $(tail -1 "$work/log" |
-        sed -n 's/^\([0-9]*\) passed, \([0-9]*\) failed, \([0-9]*\) skipped$/\1 \2 \3/p')
-    if [ "${1:-0}" = 0 ] || [ "$2" != 0 ]; then
-        echo "FAIL $program"
-        tail -8 "$work/log"
-        failed=$((failed + 1))
-    else
-        passed=$((passed + $1))
-    fi
+    count $program "$work/log"
 done
 
 # The bytes of a picture, from a program linked with either facade.
@@ -80,9 +67,7 @@ END
 $CC $flags "$work/hash.c" "$work"/oidn/*.o $weights "$build/lib/liblull.a" -o "$work/without"
 # shellcheck disable=SC2086
 $CC $flags "$work/hash.c" "$build/lib/libOpenImageDenoise.a" -pthread -o "$work/with"
-if [ "$("$work/without")" = "$("$work/with")" ]; then passed=$((passed + 1)); else
-    echo "FAIL bytes: $("$work/without") without threads, $("$work/with") with"
-    failed=$((failed + 1))
+if [ "$("$work/without")" = "$("$work/with")" ]; then ok; else
+    bad "bytes: $("$work/without") without threads, $("$work/with") with"
 fi
-echo "$passed passed, $failed failed, $skipped skipped"
-[ "$failed" = 0 ]
+finish

@@ -7,9 +7,8 @@ build=${LULL_BUILD:-$root/build}
 CC=${CC:-cc}
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
-passed=0
-failed=0
 cd "$root"
+. tests/counts.sh
 
 # The smallest built-in model stands in for one's own: its results tell which was chosen.
 {
@@ -79,12 +78,8 @@ END
 i=0
 for expected in other own other other; do # high with one and with three images, balanced alike
     i=$((i + 1))
-    if [ "$(sed -n ${i}p "$work/chosen")" = $expected ]; then
-        passed=$((passed + 1))
-    else
-        echo "FAIL choice $i: not $expected"
-        failed=$((failed + 1))
+    if [ "$(sed -n ${i}p "$work/chosen")" = $expected ]; then ok; else
+        bad "choice $i: not $expected"
     fi
 done
-echo "$passed passed, $failed failed, 0 skipped"
-[ $failed = 0 ]
+finish

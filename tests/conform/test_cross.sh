@@ -11,7 +11,7 @@ set -u
 cd "$(dirname "$0")/../.." || exit 1
 build=${LULL_BUILD:-build}
 jobs=${JOBS:-$(getconf _NPROCESSORS_ONLN 2>/dev/null || echo 2)}
-passed=0 failed=0 skipped=0
+. tests/counts.sh
 built= # TARGET:EMULATOR ...
 
 # Names of the test programs of the folders whose tests are quick enough for an emulator, those that take
@@ -20,16 +20,6 @@ programs=$(cat tests/conform/sources.mk tests/golden/sources.mk tests/unit/sourc
     sed -n 's/^TEST_\([a-z0-9_]*\)_SOURCES.*/\1/p' |
     grep -v '^conform_emulated$') # that one emulates x86: once is enough
 
-skip() { # skip TARGET REASON
-    echo "SKIP $1: optional: $2"
-    skipped=$((skipped + 1))
-}
-
-fail() { # fail TARGET REASON
-    echo "FAIL $1: $2"
-    failed=$((failed + 1))
-}
-
 # Adds the counts of a program, which has run, to ours; its lines are shown with the target's name.
 count_program() { # count_program TARGET PROGRAM
     log=$build/cross-$1/$2.log
@@ -37,7 +27,7 @@ count_program() { # count_program TARGET PROGRAM
     counts=$(tail -1 "$log" |
         sed -n 's/^\([0-9]*\) passed, \([0-9]*\) failed, \([0-9]*\) skipped$/\1 \2 \3/p')
     if [ -z "$counts" ]; then
-        fail "$1 $2" "exit status $status, no closing line of counts"
+        bad "$1 $2: exit status $status, no closing line of counts"
         tail -5 "$log"
         return
     fi
@@ -46,12 +36,14 @@ count_program() { # count_program TARGET PROGRAM
     passed=$((passed + $3)) failed=$((failed + $4)) skipped=$((skipped + $5))
     echo "$1 $2: $3 passed, $4 failed, $5 skipped"
     sed -n "s/^\(FAIL\|SKIP\) /\1 $1 $2 /p" "$log"
-    [ "$status" = 0 ] || [ "$4" -gt 0 ] || fail "$1 $2" "exit status $status, but no test failed"
+    [ "$status" = 0 ] || [ "$4" -gt 0 ] || bad "$1 $2: exit status $status, but no test failed"
 }
 
 build_target() { # build_target TARGET COMPILER EMULATOR PACKAGE
-    command -v "$2" >/dev/null 2>&1 || { skip "$1" "$2 is missing (Debian: $4)"; return; }
-    command -v "$3" >/dev/null 2>&1 || { skip "$1" "$3 is missing (Debian: qemu-user)"; return; }
+    why="optional: $2 is missing (Debian: $4)"
+    command -v "$2" >/dev/null 2>&1 || { skip "$1" "$why"; return; }
+    why="optional: $3 is missing (Debian: qemu-user)"
+    command -v "$3" >/dev/null 2>&1 || { skip "$1" "$why"; return; }
     folder=$build/cross-$1
     targets=
     for program in $programs; do targets="$targets $folder/test/$program"; done
@@ -60,7 +52,7 @@ build_target() { # build_target TARGET COMPILER EMULATOR PACKAGE
     # shellcheck disable=SC2086
     if ! make -j"$jobs" CC="$2" AR="${2%gcc}ar" BUILD="$folder" OPENEXR=0 PNG=0 SAN= WERROR=1 \
         CFLAGS= OPT=-O2 LDFLAGS="-static -Wl,-u,getauxval" $targets >"$folder/make.log" 2>&1; then
-        fail "$1" "does not build"
+        bad "$1 does not build"
         tail -20 "$folder/make.log"
         return
     fi
@@ -73,7 +65,7 @@ for target; do
     aarch64) build_target aarch64 aarch64-linux-gnu-gcc qemu-aarch64 gcc-aarch64-linux-gnu ;;
     armhf) build_target armhf arm-linux-gnueabihf-gcc qemu-arm gcc-arm-linux-gnueabihf ;;
     s390x) build_target s390x s390x-linux-gnu-gcc qemu-s390x gcc-s390x-linux-gnu ;;
-    *) fail "$target" "no such target" ;;
+    *) bad "$target: no such target" ;;
     esac
 done
 
@@ -88,5 +80,4 @@ done | xargs -r -n 3 -P "$jobs" sh -c '"$1" "$2" >"$3" 2>&1; echo $? >"$3.status
 for target in $built; do
     for program in $programs; do count_program "${target%%:*}" "$program"; done
 done
-echo "$passed passed, $failed failed, $skipped skipped"
-[ "$failed" = 0 ]
+finish

@@ -11,34 +11,26 @@ jobs=${JOBS:-$(getconf _NPROCESSORS_ONLN 2>/dev/null || echo 2)}
 node=${NODE:-node}
 compiler="clang --target=wasm32-wasi"
 programs="conform test_golden test_schedules test_transfer test_image test_exposure test_tza test_pack test_difference"
-passed=0 failed=0
+. tests/counts.sh
 
-skip() {
-    echo "SKIP all: optional: $1"
-    echo "0 passed, 0 failed, 1 skipped"
-    exit
+without() { # without WHAT: ends the script
+    skip all "optional: $1"
+    finish
 }
-count() { # count NAME COMMAND...: adds what its closing line says
+run() { # run NAME COMMAND...: a program, and its counts
     name=$1
     shift
     "$@" >"$folder/$name.log" 2>&1
-    # shellcheck disable=SC2046
-    set -- $(tail -1 "$folder/$name.log" |
-        sed -n 's/^\([0-9]*\) passed, \([0-9]*\) failed, [0-9]* skipped$/\1 \2/p')
-    if [ "${1:-0}" -gt 0 ] && [ "$2" = 0 ]; then passed=$((passed + $1)); else
-        failed=$((failed + 1))
-        echo "FAIL $name"
-        tail -20 "$folder/$name.log"
-    fi
+    count "$name" "$folder/$name.log"
 }
 
-command -v clang >/dev/null 2>&1 || skip "clang is missing (Debian: clang)"
-command -v wasm-ld >/dev/null 2>&1 || skip "wasm-ld is missing (Debian: lld)"
-command -v "$node" >/dev/null 2>&1 || skip "$node is missing (Debian: nodejs)"
-"$node" -e 'import("node:wasi")' >/dev/null 2>&1 || skip "$node has no node:wasi"
+command -v clang >/dev/null 2>&1 || without "clang is missing (Debian: clang)"
+command -v wasm-ld >/dev/null 2>&1 || without "wasm-ld is missing (Debian: lld)"
+command -v "$node" >/dev/null 2>&1 || without "$node is missing (Debian: nodejs)"
+"$node" -e 'import("node:wasi")' >/dev/null 2>&1 || without "$node has no node:wasi"
 printf '#include <string.h>\nint main(void) { return (int)strlen(""); }\n' |
     $compiler -x c - -o /dev/null 2>/dev/null ||
-    skip "the C library is missing (Debian: wasi-libc libclang-rt-dev-wasm32)"
+    without "the C library is missing (Debian: wasi-libc libclang-rt-dev-wasm32)"
 
 for folder in "$build/wasm" "$build/wasm-scalar"; do
     mkdir -p "$folder"
@@ -48,19 +40,17 @@ for folder in "$build/wasm" "$build/wasm-scalar"; do
     # shellcheck disable=SC2086
     if ! make -j"$jobs" CC="$compiler" BUILD="$folder" SAN= WERROR=1 CFLAGS= LDFLAGS= $ports \
         $targets >"$folder/make.log" 2>&1; then
-        failed=$((failed + 1))
-        echo "FAIL build of $folder"
+        bad "build of $folder"
         tail -20 "$folder/make.log"
         continue
     fi
     for program in $programs; do
         [ "$program" != test_schedules ] || [ $ports ] || continue # slow, and once is enough
-        count "$program" "$node" --no-warnings tests/conform/run_wasi.mjs "$folder/test/$program"
+        run "$program" "$node" --no-warnings tests/conform/run_wasi.mjs "$folder/test/$program"
     done
     for program in web web_threads web_async; do
-        count "$program" "$node" tests/apps/$program.mjs "$folder/bin" "$build/bin/oidnDenoise" \
+        run "$program" "$node" tests/apps/$program.mjs "$folder/bin" "$build/bin/oidnDenoise" \
             weights/kernel5_8.tza "$folder"
     done
 done
-echo "$passed passed, $failed failed, 0 skipped"
-[ "$failed" = 0 ]
+finish

@@ -48,14 +48,7 @@ WINEDEBUG=-all
 export WINEPREFIX WINEDEBUG
 for program in $programs; do
     "$wine" "$folder/test/$program.exe" >"$folder/$program.log" 2>&1 || true
-    counts=$(tr -d '\r' <"$folder/$program.log" | tail -1 |
-        sed -n 's/^\([0-9]*\) passed, \([0-9]*\) failed, \([0-9]*\) skipped$/\1 \2 \3/p')
-    # shellcheck disable=SC2086
-    set -- ${counts:-0 0 0}
-    if [ "$1" -gt 0 ] && [ "$2" = 0 ]; then passed=$((passed + $1)); else
-        bad "$program: ${1:-0} passed, ${2:-0} failed"
-        tail -5 "$folder/$program.log"
-    fi
+    count "$program" "$folder/$program.log"
 done
 # Any bytes will do as a picture: these are floats from 0.01 to 0.8.
 printf 'PF\n64 32\n-1.0\n' >"$folder/in.pfm"
