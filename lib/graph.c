@@ -40,6 +40,30 @@ static const head_row heads[] = {
 #define K_LEVELS 5u
 #define K_INPUTS 12u
 #define MAIN_CHANNELS 3u
+#define NONE LULL_TENSOR_NONE
+
+/* What layers of family K's filter make of each pixel, and how they read their sources. */
+static const struct filter_row {
+    uint16_t outputs;
+    uint8_t reads[LULL_MAX_SOURCES];
+} filters[LULL_OPS] = {
+    [LULL_OP_SMOOTH] = {3, {LULL_READS_5, LULL_READS_ROW, LULL_READS_EIGHTH}},
+    [LULL_OP_DEMODULATE] = {4, {LULL_READS_ROW, LULL_READS_ROW, LULL_READS_ROW}},
+    [LULL_OP_POOL] = {4, {LULL_READS_FINE, LULL_READS_ROW}},
+    [LULL_OP_FILTER] = {3, {LULL_READS_5, LULL_READS_ROW}},
+    [LULL_OP_BLEND] = {3, {LULL_READS_ROW, LULL_READS_COARSE}},
+    [LULL_OP_BILATERAL] = {3, {LULL_READS_5, LULL_READS_5}},
+    [LULL_OP_FACE] = {3, {LULL_READS_5, LULL_READS_ROW}},
+    [LULL_OP_FIT_SUMS] = {LULL_FIT_SUMS, {LULL_READS_8, LULL_READS_8, LULL_READS_8, LULL_READS_8}},
+    [LULL_OP_FIT] = {LULL_FIT_COEFFICIENTS, {LULL_READS_3}},
+    [LULL_OP_REGRESS] = {3, {LULL_READS_ROW, LULL_READS_ROW, LULL_READS_ROW, LULL_READS_EIGHTH}},
+    [LULL_OP_RESIDUAL] = {LULL_CELL_SUMS, {LULL_READS_CELL, LULL_READS_CELL}},
+    [LULL_OP_GAINS] = {1, {LULL_READS_6}},
+    [LULL_OP_CORRECT] = {3, {LULL_READS_ROW, LULL_READS_16TH}},
+    [LULL_OP_GRAIN_SUMS] = {LULL_GRAIN_SUMS, {LULL_READS_8}},
+    [LULL_OP_GRAIN] = {4, {LULL_READS_3}},
+    [LULL_OP_ENCODE] = {K_INPUTS, {LULL_READS_ROW, LULL_READS_ROW, LULL_READS_EIGHTH}},
+};
 
 static int same(const char *a, const char *b)
 {
@@ -50,13 +74,9 @@ static int same(const char *a, const char *b)
 
 const char *lull_layer_name(const lull_layer *layer)
 {
-    static const char *const names[] = {
-        "",     "",         "smooth", "demodulate", "pool",     "filter", "blend",   "bilateral",
-        "face", "fit_sums", "fit",    "regress",    "residual", "gains",  "correct", "grain_sums",
-        "grain", "encode"};
     if (layer->op == LULL_OP_CONV)
         return rows[layer->row].name;
-    return layer->op == LULL_OP_HEAD ? heads[layer->row].name : names[layer->op];
+    return layer->op == LULL_OP_HEAD ? heads[layer->row].name : "";
 }
 
 int lull_layer_is_conv(const lull_layer *layer)
@@ -302,15 +322,17 @@ static lull_status add_head(lull_graph *graph, const head_row *row, const lull_t
     return status;
 }
 
-/* Appends a layer of the filter; sources[i] is read as reads[i]. Returns its tensor. */
-static unsigned add_filter(lull_graph *graph, lull_op op, unsigned level, unsigned outputs,
-                           const unsigned *sources, const lull_reads *reads)
+/* Appends a layer of the filter, of the sources a to d or, before the first NONE, fewer. Returns
+ * its tensor. */
+static unsigned add_filter(lull_graph *graph, lull_op op, unsigned level, unsigned a, unsigned b,
+                           unsigned c, unsigned d)
 {
-    lull_layer *layer = new_layer(graph, op, level, outputs);
+    const unsigned sources[LULL_MAX_SOURCES] = {a, b, c, d};
+    lull_layer *layer = new_layer(graph, op, level, filters[op].outputs);
     if (!layer)
-        return LULL_TENSOR_NONE;
-    for (unsigned i = 0; i < LULL_MAX_SOURCES && sources[i] != LULL_TENSOR_NONE; i++)
-        add_source(layer, sources[i], reads[i]);
+        return NONE;
+    for (unsigned i = 0; i < LULL_MAX_SOURCES && sources[i] != NONE; i++)
+        add_source(layer, sources[i], (lull_reads)filters[op].reads[i]);
     return ++graph->layers;
 }
 
@@ -348,22 +370,9 @@ static lull_status read_steps(int *steps, const lull_tza *tza)
 /* The filter of family K, docs/kernel-prediction.md; the last steps for files that ask for them. */
 static lull_status add_filters(lull_graph *graph, int steps)
 {
-    static const lull_reads smooth[] = {LULL_READS_5, LULL_READS_ROW, LULL_READS_EIGHTH};
-    static const lull_reads rows3[] = {LULL_READS_ROW, LULL_READS_ROW, LULL_READS_ROW};
-    static const lull_reads pool[] = {LULL_READS_FINE, LULL_READS_ROW};
-    static const lull_reads blend[] = {LULL_READS_ROW, LULL_READS_COARSE};
-    static const lull_reads near[] = {LULL_READS_5, LULL_READS_5};
-    static const lull_reads far[] = {LULL_READS_25, LULL_READS_25};
-    static const lull_reads cell[] = {LULL_READS_CELL, LULL_READS_CELL};
-    static const lull_reads fit_sums[] = {LULL_READS_8, LULL_READS_8, LULL_READS_8, LULL_READS_8};
-    static const lull_reads fit[] = {LULL_READS_3};
-    static const lull_reads regress[] = {LULL_READS_ROW, LULL_READS_ROW, LULL_READS_ROW,
-                                         LULL_READS_EIGHTH};
-    static const lull_reads gains[] = {LULL_READS_6};
-    static const lull_reads correct[] = {LULL_READS_ROW, LULL_READS_16TH};
     const unsigned grain = find_from(graph, 0, LULL_OP_GRAIN, LULL_GRAIN_LEVEL);
     const int has_fit = steps == ALL_STEPS, has_residual = has_fit || steps == SMOOTH_AND_CORRECT;
-    unsigned head[K_LEVELS], filtered[K_LEVELS], v, even, facing = LULL_TENSOR_NONE, result;
+    unsigned head[K_LEVELS], filtered[K_LEVELS], v, even, facing = NONE, result;
     for (unsigned s = 0; s < K_LEVELS; s++) {
         head[s] = find_from(graph, 0, LULL_OP_HEAD, s);
         if (head[s] == LULL_TENSOR_NONE)
@@ -371,46 +380,34 @@ static lull_status add_filters(lull_graph *graph, int steps)
     }
     if (!graph->is_integer || graph->inputs != K_INPUTS || graph->levels != K_LEVELS - 1)
         return LULL_ERROR_NETWORK;
-    even = add_filter(graph, LULL_OP_SMOOTH, 0, 3,
-                      (unsigned[]){LULL_TENSOR_ALBEDO, head[0], grain, LULL_TENSOR_NONE}, smooth);
+    even = add_filter(graph, LULL_OP_SMOOTH, 0, LULL_TENSOR_ALBEDO, head[0], grain, NONE);
     if (has_fit)
-        facing = add_filter(graph, LULL_OP_FACE, 0, 3,
-                            (unsigned[]){LULL_TENSOR_NORMAL, head[0], LULL_TENSOR_NONE}, smooth);
-    v = add_filter(graph, LULL_OP_DEMODULATE, 0, 4,
-                   (unsigned[]){LULL_TENSOR_RADIANCE, even, head[0], LULL_TENSOR_NONE}, rows3);
+        facing = add_filter(graph, LULL_OP_FACE, 0, LULL_TENSOR_NORMAL, head[0], NONE, NONE);
+    v = add_filter(graph, LULL_OP_DEMODULATE, 0, LULL_TENSOR_RADIANCE, even, head[0], NONE);
     head[0] = add_second_head(graph, head[0], v);
     for (unsigned s = 0; s < K_LEVELS; s++) {
         if (s > 0)
-            v = add_filter(graph, LULL_OP_POOL, s, 4, (unsigned[]){v, head[s], LULL_TENSOR_NONE},
-                           pool);
-        filtered[s] = add_filter(graph, LULL_OP_FILTER, s, 3,
-                                 (unsigned[]){v, head[s], LULL_TENSOR_NONE}, smooth);
+            v = add_filter(graph, LULL_OP_POOL, s, v, head[s], NONE, NONE);
+        filtered[s] = add_filter(graph, LULL_OP_FILTER, s, v, head[s], NONE, NONE);
     }
     result = filtered[K_LEVELS - 1];
     for (unsigned s = K_LEVELS - 1; s-- > 0;)
-        result = add_filter(graph, LULL_OP_BLEND, s, 3,
-                            (unsigned[]){filtered[s], result, LULL_TENSOR_NONE}, blend);
+        result = add_filter(graph, LULL_OP_BLEND, s, filtered[s], result, NONE, NONE);
     if (steps)
-        result = add_filter(graph, LULL_OP_BILATERAL, 0, 3,
-                            (unsigned[]){result, LULL_TENSOR_GUIDE, LULL_TENSOR_NONE},
-                            has_residual ? far : near);
+        result = add_filter(graph, LULL_OP_BILATERAL, 0, result, LULL_TENSOR_GUIDE, NONE, NONE);
+    if (has_residual && result != NONE) /* looks far */
+        memset(graph->layer[result - 1].reads, LULL_READS_25, 2);
     if (has_fit) {
-        unsigned sums = add_filter(
-            graph, LULL_OP_FIT_SUMS, LULL_FIT_LEVEL, LULL_FIT_SUMS,
-            (unsigned[]){result, even, facing, LULL_TENSOR_RADIANCE}, fit_sums);
-        v = add_filter(graph, LULL_OP_FIT, LULL_FIT_LEVEL, LULL_FIT_COEFFICIENTS,
-                       (unsigned[]){sums, LULL_TENSOR_NONE}, fit);
-        result = add_filter(graph, LULL_OP_REGRESS, 0, 3,
-                            (unsigned[]){result, even, facing, v}, regress);
+        v = add_filter(graph, LULL_OP_FIT_SUMS, LULL_FIT_LEVEL, result, even, facing,
+                       LULL_TENSOR_RADIANCE);
+        v = add_filter(graph, LULL_OP_FIT, LULL_FIT_LEVEL, v, NONE, NONE, NONE);
+        result = add_filter(graph, LULL_OP_REGRESS, 0, result, even, facing, v);
     }
     if (has_residual) {
-        unsigned sums =
-            add_filter(graph, LULL_OP_RESIDUAL, LULL_CELL_LEVEL, LULL_CELL_SUMS,
-                       (unsigned[]){result, LULL_TENSOR_RADIANCE, LULL_TENSOR_NONE}, cell);
-        v = add_filter(graph, LULL_OP_GAINS, LULL_CELL_LEVEL, 1,
-                       (unsigned[]){sums, LULL_TENSOR_NONE}, gains);
-        result = add_filter(graph, LULL_OP_CORRECT, 0, 3,
-                            (unsigned[]){result, v, LULL_TENSOR_NONE}, correct);
+        v = add_filter(graph, LULL_OP_RESIDUAL, LULL_CELL_LEVEL, result, LULL_TENSOR_RADIANCE, NONE,
+                       NONE);
+        v = add_filter(graph, LULL_OP_GAINS, LULL_CELL_LEVEL, v, NONE, NONE, NONE);
+        result = add_filter(graph, LULL_OP_CORRECT, 0, result, v, NONE, NONE);
     }
     return result == LULL_TENSOR_NONE ? LULL_ERROR_NETWORK : LULL_OK;
 }
@@ -492,17 +489,13 @@ static lull_status add_net(lull_graph *graph, const net_row *net, const lull_tza
 /* What takes grain out of the albedo; the input of the network that follows. */
 static void add_grain(lull_graph *graph)
 {
-    static const lull_reads cell[] = {LULL_READS_8}, around[] = {LULL_READS_3};
-    static const lull_reads encode[] = {LULL_READS_ROW, LULL_READS_ROW, LULL_READS_EIGHTH};
-    unsigned v = add_filter(graph, LULL_OP_GRAIN_SUMS, LULL_GRAIN_LEVEL, LULL_GRAIN_SUMS,
-                            (unsigned[]){LULL_TENSOR_INPUT, LULL_TENSOR_NONE}, cell);
-    v = add_filter(graph, LULL_OP_GRAIN, LULL_GRAIN_LEVEL, 4, (unsigned[]){v, LULL_TENSOR_NONE},
-                   around);
+    unsigned v = add_filter(graph, LULL_OP_GRAIN_SUMS, LULL_GRAIN_LEVEL, LULL_TENSOR_INPUT, NONE,
+                            NONE, NONE);
+    v = add_filter(graph, LULL_OP_GRAIN, LULL_GRAIN_LEVEL, v, NONE, NONE, NONE);
     graph->inputs = K_INPUTS;
     graph->is_integer = 1;
-    graph->input = (uint8_t)add_filter(
-        graph, LULL_OP_ENCODE, 0, K_INPUTS,
-        (unsigned[]){LULL_TENSOR_INPUT, LULL_TENSOR_RADIANCE, v, LULL_TENSOR_NONE}, encode);
+    graph->input = (uint8_t)add_filter(graph, LULL_OP_ENCODE, 0, LULL_TENSOR_INPUT,
+                                       LULL_TENSOR_RADIANCE, v, NONE);
     graph->before = graph->layers;
 }
 

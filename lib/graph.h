@@ -126,7 +126,7 @@ void lull_graph_tensors(lull_layer_tensors *tensors, const lull_layer *layer, co
  * Errors: NETWORK. */
 lull_status lull_graph_build(lull_graph *graph, const lull_tza *tza);
 
-/* Name of a layer: the prefix of its tensors in the weights file. Static. */
+/* Name of a layer: the prefix of its tensors in the weights file, "" if it has none. Static. */
 const char *lull_layer_name(const lull_layer *layer);
 
 /* Channels, log2 of the downscale, and element type of a tensor. */
