@@ -89,10 +89,11 @@ def test_named_modules_exist():
 
 def test_named_targets_exist():
     makefile = (ROOT / "Makefile").read_text()
-    named = {target for text in PRESENT.values()
-             for target in re.findall(r"(?:`|^ {4})make\s+([a-z][\w-]*)", text, re.MULTILINE)}
-    assert {"demo", "check", "peer-test"} <= named
-    assert not [t for t in named if not re.search(rf"^{t}:", makefile, re.MULTILINE)]
+    named = {page: re.findall(r"(?:`|^ {4})make\s+([a-z][\w-]*)", text, re.MULTILINE)
+             for page, text in PRESENT.items()}
+    assert {"demo", "check", "peer-test"} <= {*named["README.md"]}
+    assert not [f"{page}: {t}" for page, targets in named.items() for t in targets
+                if not re.search(rf"^{t}:", makefile, re.MULTILINE)]
 
 
 def test_bytes_of_the_models():

@@ -85,9 +85,3 @@ def test_python_style():
     done = subprocess.run([sys.executable, "-m", "ruff", "check", "--no-cache", "."], cwd=ROOT,
                           capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
-
-
-def test_readme_names_the_commands():
-    readme = (ROOT / "README.md").read_text()
-    for command in ("make demo", "make check"):
-        assert command in readme
