@@ -180,13 +180,10 @@ LIB_OBJECTS := $(call object,$(LIB_SOURCES) $(PORT_SOURCES))
 OIDN_OBJECTS := $(call object,$(OIDN_SOURCES))
 APP_SOURCES := $(sort $(APP_COMMON_SOURCES) $(foreach a,$(APPS),$(APP_$(a)_SOURCES)))
 TEST_SOURCES := $(sort $(foreach t,$(TESTS),$(TEST_$(t)_SOURCES)))
-ifneq ($(wildcard weights/builtin.def),)
-WEIGHTS_OBJECTS := $(BUILD)/obj/weights.o
-endif
 ifeq ($(WITH_OPENCL),1)
 OPENCL_OBJECTS := $(call object,$(OPENCL_SOURCES)) $(BUILD)/obj/opencl_source.o
 endif
-FACADE_OBJECTS := $(LIB_OBJECTS) $(OIDN_OBJECTS) $(OPENCL_OBJECTS) $(WEIGHTS_OBJECTS)
+FACADE_OBJECTS := $(LIB_OBJECTS) $(OIDN_OBJECTS) $(OPENCL_OBJECTS) $(BUILD)/obj/weights.o
 
 EXE := $(if $(filter windows,$(SYSTEM)),.exe)
 IMPLIB :=
@@ -209,7 +206,7 @@ endif
 ifeq ($(SYSTEM),wasm)
 PROGRAMS := $(addprefix $(BUILD)/bin/,lull.wasm lull-threads.wasm $(notdir $(wildcard apps/web/*.mjs)))
 else
-SHARED := $(if $(strip $(OIDN_SOURCES)),$(BUILD)/lib/$(SONAME) $(if $(SOLINK),$(BUILD)/lib/$(SOLINK)))
+SHARED := $(BUILD)/lib/$(SONAME) $(if $(SOLINK),$(BUILD)/lib/$(SOLINK))
 PROGRAMS := $(foreach a,$(APPS),$(BUILD)/bin/$(a)$(EXE))
 endif
 TEST_PROGRAMS := $(foreach t,$(TESTS),$(BUILD)/test/$(t)$(EXE))
@@ -219,7 +216,7 @@ TEST_PROGRAMS := $(foreach t,$(TESTS),$(BUILD)/test/$(t)$(EXE))
 .DELETE_ON_ERROR:
 .SECONDARY:
 
-all: $(LIBLULL) $(if $(strip $(OIDN_SOURCES)),$(LIBOIDN)) $(SHARED) $(PROGRAMS)
+all: $(LIBLULL) $(LIBOIDN) $(SHARED) $(PROGRAMS)
 tests: all $(TEST_PROGRAMS) $(BUILD)/tests.txt
 
 # ---- Settings: one file that all objects depend on, shown when it changes ------------------------

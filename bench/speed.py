@@ -2,8 +2,8 @@
 
     python -m bench.speed [--size 1920x1080] [--threads 2] [--rounds 5] [--ports avx2,...]
 
-The same base U-Net (hdr, albedo, normal) for both, as fp32 and, where export/ can quantise, as
-int8; then the built-in models of both. Rounds alternate between the programs; each runs for three
+The same base U-Net (hdr, albedo, normal) for both, as fp32 and as int8;
+then the built-in models of both. Rounds alternate between the programs; each runs for three
 seconds, at least three frames and at most twelve, of which the first does not count; the figure is
 the median of the rounds' medians. The memory is the peak resident set less four images of 12 bytes
 a pixel (three inputs and the output).
@@ -12,7 +12,6 @@ a pixel (three inputs and the output).
 from __future__ import annotations
 
 import argparse
-import importlib.util
 import statistics
 import subprocess
 import sys
@@ -49,22 +48,18 @@ def entries(folder: Path, ports: list[str]) -> list[Entry]:
     sample = pictures.sizes()[0]
     fp16 = write_random(folder / "unet.tza", "unet", peer.codes(mode, sample))
     found = [Entry("OIDN fp32 unet", oidn.theirs(), ("-w", fp16))]
-    models = [("lull fp32 unet", fp16)]
-    if importlib.util.find_spec("export.quantize"):
-        int8 = folder / "unet_int8.tza"
-        subprocess.run([sys.executable, "-m", "export.quantize", fp16, int8], check=True,
-                       cwd=oidn.ROOT, stdout=subprocess.DEVNULL)
-        models.append(("lull int8 unet", int8))
-    for name, weights in models:
+    int8 = folder / "unet_int8.tza"
+    subprocess.run([sys.executable, "-m", "export.quantize", fp16, int8], check=True,
+                   cwd=oidn.ROOT, stdout=subprocess.DEVNULL)
+    for name, weights in (("lull fp32 unet", fp16), ("lull int8 unet", int8)):
         found.append(Entry(name, oidn.ours(), ("-w", weights)))
         found += [Entry(f"{name} {port}", oidn.ours(), ("-w", weights), {"LULL_PORTS": port})
                   for port in ports]
     for quality in ("fast", "balanced", "high"):
         found.append(Entry(f"OIDN built-in {quality}", oidn.theirs(), ("-q", quality)))
-        if (oidn.ROOT / "weights" / "builtin.def").exists():
-            found.append(Entry(f"lull built-in {quality}", oidn.ours(), ("-q", quality)))
-            found += [Entry(f"lull built-in {quality} {port}", oidn.ours(), ("-q", quality),
-                            {"LULL_PORTS": port}) for port in ports]
+        found.append(Entry(f"lull built-in {quality}", oidn.ours(), ("-q", quality)))
+        found += [Entry(f"lull built-in {quality} {port}", oidn.ours(), ("-q", quality),
+                        {"LULL_PORTS": port}) for port in ports]
     found += [Entry(f"lull built-in high, mean of {n}", oidn.ours(), ("--ensemble", n))
               for n in ENSEMBLES]
     return found

@@ -38,10 +38,9 @@ for source in oidn/*.c; do
         -DOIDN_API_NAMESPACE=other -Ilib -Iweights -c "$source" \
         -o "$work/obj/$(basename "$source" .c).o"
 done
-weights=
-if [ -f "$build/obj/weights.o" ]; then weights=$build/obj/weights.o; fi
 # shellcheck disable=SC2086
-$CC -shared -o "$work/libother.so" "$work"/obj/*.o $weights "$build/lib/liblull.a" -pthread
+$CC -shared -o "$work/libother.so" "$work"/obj/*.o "$build/obj/weights.o" \
+    "$build/lib/liblull.a" -pthread
 names=$(nm -D --defined-only "$work/libother.so" |
     awk '$3 !~ /^other_(oidn|lull_)/ && $2 ~ /[A-Z]/ { print $3 }')
 if [ -n "$names" ]; then

@@ -17,8 +17,6 @@ for source in oidn/*.c tests/api/identity.c; do
     # shellcheck disable=SC2086
     $CC $flags -c "$source" -o "$work/oidn/$(basename "$source" .c).o"
 done
-weights=
-if [ -f "$build/obj/weights.o" ]; then weights=$build/obj/weights.o; fi
 if nm -u "$work"/oidn/*.o | grep -E 'pthread_|sem_'; then
     bad "symbols: threads are referred to"
 else ok; fi
@@ -27,8 +25,8 @@ for program in test_device test_buffer test_filter test_commit test_async test_r
     wrap=
     if [ $program = test_memory ]; then wrap="-Wl,--wrap=malloc,--wrap=free"; fi
     # shellcheck disable=SC2086
-    $CC $flags "tests/api/$program.c" "$work"/oidn/*.o $weights "$build/lib/liblull.a" $wrap -lm \
-        -o "$work/$program"
+    $CC $flags "tests/api/$program.c" "$work"/oidn/*.o "$build/obj/weights.o" \
+        "$build/lib/liblull.a" $wrap -lm -o "$work/$program"
     "$work/$program" >"$work/log" 2>&1 || true
     count $program "$work/log"
 done
@@ -64,7 +62,8 @@ int main(void)
 }
 END
 # shellcheck disable=SC2086
-$CC $flags "$work/hash.c" "$work"/oidn/*.o $weights "$build/lib/liblull.a" -o "$work/without"
+$CC $flags "$work/hash.c" "$work"/oidn/*.o "$build/obj/weights.o" "$build/lib/liblull.a" \
+    -o "$work/without"
 # shellcheck disable=SC2086
 $CC $flags "$work/hash.c" "$build/lib/libOpenImageDenoise.a" -pthread -o "$work/with"
 if [ "$("$work/without")" = "$("$work/with")" ]; then ok; else

@@ -183,8 +183,7 @@ static void counted_patterns(const char *port_name, const lull_kernels *port, in
         counted(port_name, slot, (cases_pattern)pattern, test);
 }
 
-/* ---- Pooling
- * -------------------------------------------------------------------------------------- */
+/* ---- Pooling --------------------------------------------------------------------------------- */
 
 static void pool_case(unsigned bytes, unsigned channels, unsigned pixels)
 {
@@ -241,8 +240,7 @@ static void pool_cases(unsigned bytes)
 static void pool_f32_cases(void) { pool_cases(4); }
 static void pool_u8_cases(void) { pool_cases(1); }
 
-/* ---- Winograd's form: the matrices of docs/arithmetic.md
- * ---------------------------------------- */
+/* ---- Winograd's form: the matrices of docs/arithmetic.md ------------------------------------- */
 
 static const double in_rows[4][4] = {{1, 0, -1, 0}, {0, 1, 1, 0}, {0, -1, 1, 0}, {0, 1, 0, -1}};
 static const double in_columns[6][6] = {{4, 0, -5, 0, 1, 0},  {0, -4, -4, 1, 1, 0},
@@ -418,8 +416,7 @@ static void winograd_out_cases(void)
 #include "regression_cases.h"
 #include "patch_cases.h"
 
-/* ---- Slots
- * ---------------------------------------------------------------------------------------- */
+/* ---- Slots ----------------------------------------------------------------------------------- */
 
 #define KERNEL(slot, parameters, tolerance, purpose)                                        \
     static int slot##_fills(const lull_kernels *a, const lull_kernels *b)                   \
@@ -482,8 +479,7 @@ void conform_skip(const char *name, const char *reason)
 
 int conform_report(void) { return check_report(); }
 
-/* ---- Table of docs/ports.md
- * ------------------------------------------------------------------------ */
+/* ---- Table of docs/ports.md ------------------------------------------------------------------ */
 
 /* Value of the first line of Linux's CPU description that starts with `key`; empty if none. */
 static void cpu_line(const char *key, char *to, size_t bytes)

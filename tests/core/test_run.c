@@ -68,8 +68,7 @@ static lull_plan *make_plan(const lull_frame *frame, const lull_model *model)
     return plan;
 }
 
-/* ---- A parallel_for with real threads
- * ---------------------------------------------------------------- */
+/* ---- A parallel_for with real threads -------------------------------------------------------- */
 
 typedef struct job {
     void (*body)(void *, unsigned, unsigned);
@@ -112,8 +111,7 @@ static void with_threads(void *user, unsigned count, void (*body)(void *, unsign
         pthread_join(thread[i], NULL);
 }
 
-/* ---- Tests
- * ------------------------------------------------------------------------------------------- */
+/* ---- Tests ----------------------------------------------------------------------------------- */
 
 static void same_bytes_for_every_schedule(void)
 {
