@@ -73,8 +73,8 @@ static int keep_going(const lull_task *t, const lull_host *host)
     return !host || !host->progress || host->progress(host->user, fraction_done(t));
 }
 
-/* 1 if layer `next` needs nothing of the layers [first, next); but if is_local, of those from
- * `chain` on each of its parts may need the same part. */
+/* 1 if layer `next` needs nothing of the layers [first, next), but for the same part of those from
+ * `chain` on that each of its parts may need. */
 static int is_free(const lull_graph *graph, unsigned first, unsigned chain, unsigned next)
 {
     const lull_layer *layer = &graph->layer[next];

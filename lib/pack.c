@@ -168,8 +168,7 @@ static unsigned is_split(const block *b, const lull_kernels *kernels)
     return kernels->splits_wide && b->dtype == LULL_DTYPE_U15;
 }
 
-/* ---- Checks of integer models (docs/arithmetic.md)
- * -------------------------------------------------- */
+/* ---- Checks of integer models (docs/arithmetic.md) ------------------------------------------- */
 
 /* Sum of |taps| of output o over one block, a run; -1 if the taps break a rule. Clears *fits_words
  * if they break that of words. */
@@ -297,8 +296,7 @@ static void fill_tables(lull_model *model)
     }
 }
 
-/* ---- Models
- * ----------------------------------------------------------------------------------------- */
+/* ---- Models ---------------------------------------------------------------------------------- */
 
 int lull_pack_is_int3(const lull_graph *graph, const lull_kernels *kernels, unsigned l)
 {
