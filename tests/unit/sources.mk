@@ -3,6 +3,7 @@
 #   TESTS += <name>           a program; names are unique over all of tests/
 #   TEST_<name>_SOURCES       its files
 #   TEST_<name>_FLAGS         extra compiler flags (optional)
+#   TEST_<name>_LIBS          extra flags of the linker (optional)
 TESTS += test_transfer test_image test_exposure test_tza test_pack test_nlm test_difference
 TEST_test_transfer_SOURCES := tests/unit/test_transfer.c
 TEST_test_image_SOURCES := tests/unit/test_image.c
