@@ -5,7 +5,6 @@ functions are the caller's.
 """
 from __future__ import annotations
 
-import struct
 from pathlib import Path
 
 import numpy as np
@@ -100,34 +99,3 @@ def write_onnx(path: Path, model: DirectNet, height: int, width: int, params: bo
     graph += _field(12, _value("output", (1, model.outputs, height, width), kind))
     body = _field(1, IR_VERSION) + _field(2, "lull") + _field(7, graph)
     path.write_bytes(body + _field(8, _field(1, "") + _field(2, OPSET)))
-
-
-def read_fields(data: bytes) -> list[tuple[int, int | bytes]]:
-    """The fields of a protobuf message, not descending: what the tests read files back with."""
-    fields, at = [], 0
-
-    def varint() -> int:
-        nonlocal at
-        value = shift = 0
-        while True:
-            byte = data[at]
-            at += 1
-            value |= (byte & 127) << shift
-            shift += 7
-            if byte < 128:
-                return value
-
-    while at < len(data):
-        key = varint()
-        if key & 7 == 0:
-            fields.append((key >> 3, varint()))
-        elif key & 7 == 2:
-            size = varint()
-            fields.append((key >> 3, data[at:at + size]))
-            at += size
-        elif key & 7 == 5:
-            fields.append((key >> 3, struct.unpack_from("<I", data, at)[0]))
-            at += 4
-        else:
-            raise ValueError(f"wire type {key & 7}")
-    return fields

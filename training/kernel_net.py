@@ -28,24 +28,10 @@ def to_code(x: Tensor) -> Tensor:
     return Round.apply(x.clamp(0.0, 1.0) * 255.0) / 255.0
 
 
-def make_input(radiance: Tensor, albedo: Tensor | None, normal: Tensor | None,
-               clipped: bool | Tensor) -> Tensor:
-    """Codes / 255 of the network's input, [N,12,H,W]; radiance exposed, normal in [-1,1].
-
-    The presence of features may differ inside a batch: then albedo and normal are tensors and
-    `clipped`, `has_albedo`, `has_normal` are given to `mixed_input`.
-    """
-    n, _, h, w = radiance.shape
-    ones = radiance.new_ones(n, 1, h, w)
-    has = [float(albedo is not None), float(normal is not None), float(clipped)]
-    albedo = torch.zeros_like(radiance) if albedo is None else albedo
-    normal = torch.zeros_like(radiance) if normal is None else normal
-    return mixed_input(radiance, albedo, normal, *[ones * v for v in has])
-
-
 def mixed_input(radiance: Tensor, albedo: Tensor, normal: Tensor, has_albedo: Tensor,
                 has_normal: Tensor, clipped: Tensor) -> Tensor:
-    """As make_input, with presence planes [N,1,H,W] of 0 or 1."""
+    """Codes / 255 of the network's input, [N,12,H,W]; radiance exposed, normal in [-1,1]; presence
+    planes [N,1,H,W] of 0 or 1."""
     divisor = albedo * has_albedo + (1.0 - EPS) * (1.0 - has_albedo) + EPS
     i = radiance.clamp(0.0, RADIANCE_MAX) / divisor
     log = torch.log1p(LOG_GAIN * i) * LOG_SCALE

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 import torch
 
+from tests.training.tools import input_codes
 from export import kernel, pixels
 from export.smooth import guide_of
 from training import kernel_filter, kernel_net, nets
@@ -77,8 +78,7 @@ def test_input_codes_equal_the_reference():
     albedo = rng.random((16, 16, 3), np.float32)
     normal = rng.random((16, 16, 3), np.float32) * 2 - 1
     expected = kernel.encode(radiance, albedo, normal, False)
-    t = [torch.from_numpy(a.transpose(2, 0, 1)[None].copy()) for a in (radiance, albedo, normal)]
-    got = kernel_net.make_input(*t, False)[0].numpy().transpose(1, 2, 0) * 255
+    got = input_codes(radiance, albedo, normal)
     assert np.abs(got - expected).max() <= 1.001  # rounding of single codes
     assert (np.rint(got) == expected).mean() > 0.999
 

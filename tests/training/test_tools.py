@@ -12,9 +12,8 @@ import pytest
 import torch
 
 from export import export
-from export.onnx import read_fields
 from export.tza import Reader
-from tests.training.tools import QUICK, make_raw, picture, write_features
+from tests.training.tools import QUICK, make_raw, picture, read_fields, write_features
 from training import (color, compare_image, convert_image, errors, evaluate, infer, metrics, peer,
                       split_exr, train, visualize)
 from training.imageio import read_image, write_exr, write_image

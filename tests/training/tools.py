@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 import subprocess
 from pathlib import Path
 
@@ -89,11 +90,18 @@ def clear_of_steps(images: dict[str, np.ndarray]) -> None:
     assert not off.any()
 
 
+def input_codes(*images: np.ndarray) -> np.ndarray:
+    """Codes that PyTorch makes of radiance, albedo and normal, [H,W,12]."""
+    tensors = [torch.from_numpy(v.transpose(2, 0, 1)[None].copy()) for v in images]
+    there = torch.ones_like(tensors[0][:, :1])
+    codes = kernel_net.mixed_input(*tensors, there, there, 0 * there)
+    return codes[0].numpy().transpose(1, 2, 0) * 255
+
+
 def rounded_otherwise(images: dict[str, np.ndarray]) -> np.ndarray:
     """Pixels whose codes differ, bool [H,W]."""
-    tensors = [torch.from_numpy(v.transpose(2, 0, 1)[None].copy()) for v in images.values()]
-    ours = kernel_net.make_input(*tensors, False)[0].numpy().transpose(1, 2, 0) * 255
-    return (np.rint(ours) != kernel.encode(*images.values(), False)).any(-1)
+    ours = np.rint(input_codes(*images.values()))
+    return (ours != kernel.encode(*images.values(), False)).any(-1)
 
 
 def in_both(model: kernel.IntTrunk, height: int, width: int) -> tuple[dict, np.ndarray, np.ndarray]:
@@ -110,3 +118,34 @@ def in_both(model: kernel.IntTrunk, height: int, width: int) -> tuple[dict, np.n
     with torch.no_grad():
         got = net(torch.from_numpy(x.transpose(2, 0, 1).copy())[None])
     return images, want, got[0].numpy().transpose(1, 2, 0)
+
+
+def read_fields(data: bytes) -> list[tuple[int, int | bytes]]:
+    """The fields of a protobuf message, not descending."""
+    fields, at = [], 0
+
+    def varint() -> int:
+        nonlocal at
+        value = shift = 0
+        while True:
+            byte = data[at]
+            at += 1
+            value |= (byte & 127) << shift
+            shift += 7
+            if byte < 128:
+                return value
+
+    while at < len(data):
+        key = varint()
+        if key & 7 == 0:
+            fields.append((key >> 3, varint()))
+        elif key & 7 == 2:
+            size = varint()
+            fields.append((key >> 3, data[at:at + size]))
+            at += size
+        elif key & 7 == 5:
+            fields.append((key >> 3, struct.unpack_from("<I", data, at)[0]))
+            at += 4
+        else:
+            raise ValueError(f"wire type {key & 7}")
+    return fields
