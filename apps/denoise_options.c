@@ -94,40 +94,11 @@ static int set_motion_scale(void *settings, const char *const *v)
 }
 
 #define AT(field) offsetof(S, field)
-#define HEADING(text)                                          \
-    {                                                          \
-        OPTION_HEADING, "", 0, 0, 0, NULL, NULL, 0, NULL, text \
-    }
-#define FLAG(names, field, value, help)                                    \
-    {                                                                      \
-        OPTION_FLAG, names, AT(field), value, 0, NULL, NULL, 0, NULL, help \
-    }
-#define INT(names, field, low, high, argument, help)                           \
-    {                                                                          \
-        OPTION_INT, names, AT(field), low, high, NULL, NULL, 1, argument, help \
-    }
-#define FLOAT(names, field, argument, help)                                 \
-    {                                                                       \
-        OPTION_FLOAT, names, AT(field), 0, 0, NULL, NULL, 1, argument, help \
-    }
-#define TEXT(names, field, argument, help)                                 \
-    {                                                                      \
-        OPTION_TEXT, names, AT(field), 0, 0, NULL, NULL, 1, argument, help \
-    }
-#define WORD(names, field, words, argument, help)                           \
-    {                                                                       \
-        OPTION_WORD, names, AT(field), 0, 0, words, NULL, 1, argument, help \
-    }
-#define CALL(names, function, argument, help)                          \
-    {                                                                  \
-        OPTION_CALL, names, 0, 0, 0, NULL, function, 1, argument, help \
-    }
-
 static const option table[] = {
     HEADING("images"),
-    CALL("hdr", set_hdr, "FILE", "colour with high dynamic range"),
-    CALL("ldr", set_ldr, "FILE", "colour in [0, 1]"),
-    CALL("dir", set_directional, "FILE", "directional light map in [-1, 1]"),
+    CALL("hdr", set_hdr, 1, "FILE", "colour with high dynamic range"),
+    CALL("ldr", set_ldr, 1, "FILE", "colour in [0, 1]"),
+    CALL("dir", set_directional, 1, "FILE", "directional light map in [-1, 1]"),
     FLAG("srgb", is_srgb, 1, "--ldr is sRGB-encoded: values are taken and written as they are"),
     TEXT("alb albedo", files[IMAGE_ALBEDO], "FILE", "albedo in [0, 1]"),
     TEXT("nrm normal", files[IMAGE_NORMAL], "FILE", "normals in [-1, 1]"),
@@ -135,16 +106,16 @@ static const option table[] = {
          "albedo and normals have no noise"),
     FLAG("prefilter", is_prefiltering, 1,
          "denoise the albedo by itself first: better at 1 to 4 samples, takes twice as long"),
-    CALL("layer layers", set_layer, "ROLE=NAME",
+    CALL("layer layers", set_layer, 1, "ROLE=NAME",
          "layer that is color, albedo, normal or motion: its name, channels a,b,c, or none"),
     FLAG("no_aux no-aux noAux noaux", only_given, 1,
          "use no albedo and normals but those of --alb and --nrm"),
-    CALL("o out output", add_output, "FILE", "where to write; may be given several times"),
+    CALL("o out output", add_output, 1, "FILE", "where to write; may be given several times"),
     TEXT("frames", frames, "LIST", "1-240 or 1,5,10-20x2: for names with #### or %04d"),
     FLAG("temporal", is_temporal, 1, "with --frames: less noise and flicker, by the frames before"),
     TEXT("motion", files[IMAGE_MOTION], "FILE",
          "with --temporal: where pixels were in the frame before, less where they are"),
-    CALL("motion_scale motion-scale", set_motion_scale, "X,Y",
+    CALL("motion_scale motion-scale", set_motion_scale, 1, "X,Y",
          "what these are multiplied by, to the right and down (signs are found)"),
 
     HEADING("denoising"),
@@ -158,7 +129,7 @@ static const option table[] = {
     FLOAT("strength", strength, "0-1", "how much of the noise goes (1: what the filter removes)"),
     WORD("t type", type, device_types, "float|half", "values in memory (as in the file)"),
     TEXT("w weights", weights, "FILE.tza", "network weights (the built-in ones)"),
-    CALL("d dev device", set_device, "N|default|cpu|sycl|cuda|hip|metal|opencl", "device"),
+    CALL("d dev device", set_device, 1, "N|default|cpu|sycl|cuda|hip|metal|opencl", "device"),
     INT("threads", device.threads, 0, INT_MAX, "N", "threads (all)"),
     INT("affinity", device.affinity, 0, 1, "0|1", "bind threads to cores"),
     INT("maxmem maxMemoryMB maxmemorymb", max_memory, INT_MIN, INT_MAX, "MB",

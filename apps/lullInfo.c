@@ -404,16 +404,13 @@ static int set_size(void *user, const char *const *v)
            !option_parse_int(v[1], 1, IMAGE_MAX_SIZE, &s->height);
 }
 
+#define AT(field) offsetof(settings, field)
 static const option table[] = {
-    {OPTION_TEXT, "compare", offsetof(settings, reference), 0, 0, NULL, NULL, 1, "REFERENCE",
-     "distance of the images from this one"},
-    {OPTION_CALL, "s size", 0, 0, 0, NULL, set_size, 2, "W H",
-     "frame whose memory is told of weights (1920 1080)"},
-    {OPTION_FLAG, "opencl", offsetof(settings, tells_opencl), 1, 0, NULL, NULL, 0, NULL,
-     "name the OpenCL device, too"},
-    {OPTION_FLAG, "json", offsetof(settings, is_json), 1, 0, NULL, NULL, 0, NULL,
-     "print one JSON object instead of text"},
-    {OPTION_FLAG, "h help", offsetof(settings, is_help), 1, 0, NULL, NULL, 0, NULL, "this text"},
+    TEXT("compare", reference, "REFERENCE", "distance of the images from this one"),
+    CALL("s size", set_size, 2, "W H", "frame whose memory is told of weights (1920 1080)"),
+    FLAG("opencl", tells_opencl, 1, "name the OpenCL device, too"),
+    FLAG("json", is_json, 1, "print one JSON object instead of text"),
+    FLAG("h help", is_help, 1, "this text"),
 };
 #define OPTIONS (sizeof table / sizeof table[0])
 

@@ -33,6 +33,36 @@ typedef struct option {
     const char *help;     /* NULL: not shown */
 } option;
 
+/* Rows of a table, where AT(field) is the offset of a field of the settings. */
+#define HEADING(text)                                          \
+    {                                                          \
+        OPTION_HEADING, "", 0, 0, 0, NULL, NULL, 0, NULL, text \
+    }
+#define FLAG(names, field, value, help)                                    \
+    {                                                                      \
+        OPTION_FLAG, names, AT(field), value, 0, NULL, NULL, 0, NULL, help \
+    }
+#define INT(names, field, low, high, argument, help)                           \
+    {                                                                          \
+        OPTION_INT, names, AT(field), low, high, NULL, NULL, 1, argument, help \
+    }
+#define FLOAT(names, field, argument, help)                                 \
+    {                                                                       \
+        OPTION_FLOAT, names, AT(field), 0, 0, NULL, NULL, 1, argument, help \
+    }
+#define TEXT(names, field, argument, help)                                 \
+    {                                                                      \
+        OPTION_TEXT, names, AT(field), 0, 0, NULL, NULL, 1, argument, help \
+    }
+#define WORD(names, field, words, argument, help)                           \
+    {                                                                       \
+        OPTION_WORD, names, AT(field), 0, 0, words, NULL, 1, argument, help \
+    }
+#define CALL(names, function, values, argument, help)                       \
+    {                                                                       \
+        OPTION_CALL, names, 0, 0, 0, NULL, function, values, argument, help \
+    }
+
 /* Fills the settings. `positional` takes arguments without dashes (0: accepted); NULL: there are
  * none. Returns 0, or prints one line to stderr and returns 1. */
 int options_parse(const option *table, size_t count, void *settings,

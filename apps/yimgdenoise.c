@@ -28,21 +28,15 @@ static const option_word truths[] = {{"1 true", 1}, {"0 false", 0}, {NULL, 0}};
 
 #define AT(field) offsetof(S, field)
 static const option table[] = {
-    {OPTION_CALL, "i input-image", 0, 0, 0, NULL, set_input, 1, "FILE",
-     "noisy image; HDR if it is exr, pfm, phm or hdr"},
-    {OPTION_CALL, "o output-image", 0, 0, 0, NULL, set_output, 1, "FILE", "where to write"},
-    {OPTION_TEXT, "a albedo", AT(files[IMAGE_ALBEDO]), 0, 0, NULL, NULL, 1, "FILE", "albedo"},
-    {OPTION_TEXT, "n normal", AT(files[IMAGE_NORMAL]), 0, 0, NULL, NULL, 1, "FILE",
-     "normals in [-1, 1]"},
-    {OPTION_INT, "m maxMemoryMB", AT(max_memory), -1, INT_MAX, NULL, NULL, 1, "MB",
-     "memory to keep within"},
-    {OPTION_INT, "t numThreads", AT(device.threads), -1, INT_MAX, NULL, NULL, 1, "N",
-     "threads (all)"},
-    {OPTION_INT, "verbose", AT(device.verbose), -1, 4, NULL, NULL, 1, "0-3",
-     "messages of the library"},
-    {OPTION_WORD, "setAffinity", AT(device.affinity), 0, 0, truths, NULL, 1, "0|1",
-     "bind threads to cores"},
-    {OPTION_FLAG, "h help", AT(is_help), 1, 0, NULL, NULL, 0, NULL, "this text"},
+    CALL("i input-image", set_input, 1, "FILE", "noisy image; HDR if it is exr, pfm, phm or hdr"),
+    CALL("o output-image", set_output, 1, "FILE", "where to write"),
+    TEXT("a albedo", files[IMAGE_ALBEDO], "FILE", "albedo"),
+    TEXT("n normal", files[IMAGE_NORMAL], "FILE", "normals in [-1, 1]"),
+    INT("m maxMemoryMB", max_memory, -1, INT_MAX, "MB", "memory to keep within"),
+    INT("t numThreads", device.threads, -1, INT_MAX, "N", "threads (all)"),
+    INT("verbose", device.verbose, -1, 4, "0-3", "messages of the library"),
+    WORD("setAffinity", device.affinity, truths, "0|1", "bind threads to cores"),
+    FLAG("h help", is_help, 1, "this text"),
 };
 #define OPTIONS (sizeof table / sizeof table[0])
 

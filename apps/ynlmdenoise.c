@@ -239,22 +239,18 @@ static exit_code run(const settings *s)
 
 #define AT(field) offsetof(settings, field)
 static const option table[] = {
-    {OPTION_TEXT, "i input-image", AT(files[0]), 0, 0, NULL, NULL, 1, "FILE",
-     "noisy image; HDR if it is exr, pfm, phm or hdr"},
-    {OPTION_TEXT, "o output-image", AT(output), 0, 0, NULL, NULL, 1, "FILE", "where to write"},
-    {OPTION_TEXT, "a albedo", AT(files[1]), 0, 0, NULL, NULL, 1, "FILE", "albedo"},
-    {OPTION_TEXT, "n normal", AT(files[2]), 0, 0, NULL, NULL, 1, "FILE", "normals in [-1, 1]"},
-    {OPTION_FLOAT, "k strength", AT(strength), 0, 0, NULL, NULL, 1, "K",
-     "strength of the filter (1)"},
-    {OPTION_INT, "t numThreads", AT(threads), 1, MAX_THREADS, NULL, NULL, 1, "N", "threads (all)"},
-    {OPTION_INT, "Ds", AT(radii[0]), 0, INT_MAX, NULL, NULL, 1, "N",
-     "accepted, not used: windows have 17x17 pixels"},
-    {OPTION_INT, "ds", AT(radii[1]), 0, INT_MAX, NULL, NULL, 1, "N",
-     "accepted, not used: patches have 5x5 pixels"},
-    {OPTION_FLOAT, "sigma-s", AT(fixed[0]), 0, 0, NULL, NULL, 1, "X",
-     "accepted, not used: distances are weighed by the noise that is found"},
-    {OPTION_FLOAT, "sigma-r", AT(fixed[1]), 0, 0, NULL, NULL, 1, "X", "likewise"},
-    {OPTION_FLAG, "h help", AT(is_help), 1, 0, NULL, NULL, 0, NULL, "this text"},
+    TEXT("i input-image", files[0], "FILE", "noisy image; HDR if it is exr, pfm, phm or hdr"),
+    TEXT("o output-image", output, "FILE", "where to write"),
+    TEXT("a albedo", files[1], "FILE", "albedo"),
+    TEXT("n normal", files[2], "FILE", "normals in [-1, 1]"),
+    FLOAT("k strength", strength, "K", "strength of the filter (1)"),
+    INT("t numThreads", threads, 1, MAX_THREADS, "N", "threads (all)"),
+    INT("Ds", radii[0], 0, INT_MAX, "N", "accepted, not used: windows have 17x17 pixels"),
+    INT("ds", radii[1], 0, INT_MAX, "N", "accepted, not used: patches have 5x5 pixels"),
+    FLOAT("sigma-s", fixed[0], "X",
+          "accepted, not used: distances are weighed by the noise that is found"),
+    FLOAT("sigma-r", fixed[1], "X", "likewise"),
+    FLAG("h help", is_help, 1, "this text"),
 };
 #define OPTIONS (sizeof table / sizeof table[0])
 

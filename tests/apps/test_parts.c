@@ -123,17 +123,18 @@ static int take_rest(void *settings, const char *argument)
     return 0;
 }
 
+#define AT(field) offsetof(sample, field)
 static int parse(sample *s, const char *line)
 {
     static const option_word words[] = {{"low l", 3}, {"high h", 7}, {NULL, 0}};
     static const option table[] = {
-        {OPTION_HEADING, "", 0, 0, 0, NULL, NULL, 0, NULL, "heading"},
-        {OPTION_FLAG, "f flag", offsetof(sample, flag), 5, 0, NULL, NULL, 0, NULL, ""},
-        {OPTION_INT, "n number", offsetof(sample, number), -2, 9, NULL, NULL, 1, "N", ""},
-        {OPTION_WORD, "w", offsetof(sample, word), 0, 0, words, NULL, 1, "low|high", ""},
-        {OPTION_FLOAT, "r", offsetof(sample, real), 0, 0, NULL, NULL, 1, "X", ""},
-        {OPTION_TEXT, "t", offsetof(sample, text), 0, 0, NULL, NULL, 1, "T", ""},
-        {OPTION_CALL, "p", 0, 0, 0, NULL, take_pair, 2, "A B", ""},
+        HEADING("heading"),
+        FLAG("f flag", flag, 5, ""),
+        INT("n number", number, -2, 9, "N", ""),
+        WORD("w", word, words, "low|high", ""),
+        FLOAT("r", real, "X", ""),
+        TEXT("t", text, "T", ""),
+        CALL("p", take_pair, 2, "A B", ""),
     };
     static char copy[256];
     char *argv[32] = {"program"}, *word;

@@ -20,8 +20,7 @@ OTHERS = re.compile(r"^Worth imitating.*?\n\n", re.M | re.S)  # a paragraph on o
 
 def option_rows(path: str) -> list[str]:
     """A program's table of options: their spellings, without dashes."""
-    rows = re.findall(r'\b(?:OPTION_(?!HEADING)\w+, |(?:CALL|FLAG|TEXT|WORD|INT|FLOAT)\()"([^"]+)"',
-                      (ROOT / path).read_text())
+    rows = re.findall(r'\b(?:CALL|FLAG|TEXT|WORD|INT|FLOAT)\("([^"]+)"', (ROOT / path).read_text())
     assert rows
     return rows
 
