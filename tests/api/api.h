@@ -32,6 +32,13 @@
 /* True when the library under test is Open Image Denoise. */
 static inline int is_peer(void) { return getenv("LULL_TEST_PEER") != NULL; }
 
+/* Ends a test there; reason: what Open Image Denoise does, or has not. */
+#define OURS_ALONE(reason)                                                                         \
+    do {                                                                                           \
+        if (is_peer())                                                                             \
+            SKIP("optional: Open Image Denoise " reason);                                          \
+    } while (0)
+
 /* Takes the error of this thread; checks that a message comes with an error and none without. */
 static inline OIDNError take_error(OIDNDevice device)
 {
@@ -203,5 +210,12 @@ static inline int has_builtin(void)
     oidnReleaseDevice(device);
     return ok;
 }
+
+/* Ends a test of a library without them. */
+#define WANTS_BUILTIN()                                                                            \
+    do {                                                                                           \
+        if (!has_builtin())                                                                        \
+            SKIP("there are no built-in weights");                                                 \
+    } while (0)
 
 #endif

@@ -5,12 +5,10 @@
 
 #include "OpenImageDenoise/lull_quality.h"
 
-#define OURS()                                                             \
-    do {                                                                   \
-        if (is_peer())                                                     \
-            SKIP("optional: Open Image Denoise has no quality 'auto'");     \
-        if (!has_builtin())                                                \
-            SKIP("there are no built-in weights");                         \
+#define OURS()                                                                                     \
+    do {                                                                                           \
+        OURS_ALONE("has no quality 'auto'");                                                       \
+        WANTS_BUILTIN();                                                                           \
     } while (0)
 
 #define FAST OIDN_QUALITY_FAST

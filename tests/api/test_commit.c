@@ -92,10 +92,7 @@ static void commit_rules(void)
     OIDNDevice device;
     size_t i;
 
-    if (!has_builtin()) {
-        SKIP("there are no built-in weights");
-        return;
-    }
+    WANTS_BUILTIN();
     device = new_device();
     for (i = 0; i < COUNT(commits); i++) {
         const commit_row *row = &commits[i];
@@ -137,10 +134,7 @@ static void builtin_outputs(void)
     OIDNDevice device;
     size_t i, k;
 
-    if (!has_builtin()) {
-        SKIP("there are no built-in weights");
-        return;
-    }
+    WANTS_BUILTIN();
     device = new_device();
     for (i = 0; i < COUNT(commits); i++) {
         static const char *const names[] = {"color", "albedo", "normal", "output"};

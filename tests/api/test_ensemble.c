@@ -5,12 +5,10 @@
 
 #include "OpenImageDenoise/lull_quality.h"
 
-#define OURS()                                                       \
-    do {                                                             \
-        if (is_peer())                                               \
-            SKIP("optional: Open Image Denoise has no ensembles");   \
-        if (!has_builtin())                                          \
-            SKIP("there are no built-in weights");                   \
+#define OURS()                                                                                     \
+    do {                                                                                           \
+        OURS_ALONE("has no ensembles");                                                            \
+        WANTS_BUILTIN();                                                                           \
     } while (0)
 
 enum { W = 61, H = 43, VALUES = 3 * W * H };

@@ -258,10 +258,7 @@ static void memory_limit(void)
     unsigned long long floor_bytes = 0;
     int mb, refused = 0, accepted = 0;
 
-    if (is_peer()) {
-        SKIP("optional: Open Image Denoise takes maxMemoryMB as a wish");
-        return;
-    }
+    OURS_ALONE("takes maxMemoryMB as a wish");
     device = new_device();
     in = noise_image(3 * WIDTH * HEIGHT, 23);
     out = noise_image(3 * WIDTH * HEIGHT, 24);

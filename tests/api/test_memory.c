@@ -228,10 +228,8 @@ static void auto_allocates_at_commits(void)
     unsigned n, seed = 5, before;
     int i;
 
-    if (is_peer())
-        SKIP("optional: Open Image Denoise has no quality 'auto'");
-    if (!has_builtin())
-        SKIP("there are no built-in weights");
+    OURS_ALONE("has no quality 'auto'");
+    WANTS_BUILTIN();
     before = live;
     for (n = 1;; n++) { /* until one allocation after the other has failed */
         start_counting(0);

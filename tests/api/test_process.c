@@ -81,8 +81,7 @@ static void modes_of_floating_point(void)
 #if (defined(__SSE__) || defined(__aarch64__)) && defined(FE_UPWARD)
     float expected[N], out[N];
 
-    if (is_peer())
-        SKIP("optional: Open Image Denoise computes in the mode of its host");
+    OURS_ALONE("computes in the mode of its host");
     denoise_noise(expected);
     CHECK(!fesetround(FE_UPWARD));
     denoise_noise(out);
@@ -299,8 +298,7 @@ static void threads_where_cpus_are_hidden(void)
 {
     int status;
 
-    if (is_peer())
-        SKIP("optional: Open Image Denoise has rules of its own");
+    OURS_ALONE("has rules of its own");
     threads_of_known_cpus = default_threads();
     status = in_child(NULL, NULL, as_many_threads);
     if (status == 2)

@@ -154,8 +154,7 @@ static void release_of_device_waits(void)
     releasing r = {GATE_CLOSED, NULL};
     int i;
 
-    if (is_peer())
-        SKIP("optional: Open Image Denoise deadlocks");
+    OURS_ALONE("deadlocks");
     in = noise_image(N, 26);
     out = noise_image(N, 27);
     device = new_device();
