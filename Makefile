@@ -260,7 +260,6 @@ $(BUILD)/obj/lib/%.o: FLAGS = $(CORE_FLAGS)
 $(BUILD)/obj/ports/%.o: FLAGS = $(CORE_FLAGS) $(KERNEL_FLAGS) -Ilib
 $(BUILD)/obj/oidn/%.o: FLAGS = $(HOSTED_FLAGS) -DOpenImageDenoise_EXPORTS -Iweights -I$(BUILD)/gen
 $(BUILD)/obj/apps/%.o: FLAGS = $(HOSTED_FLAGS) $(STATIC_FLAGS) -Iapps -Iweights $(OPENEXR_CFLAGS) $(PNG_CFLAGS)
-$(BUILD)/obj/bench/%.o: FLAGS = $(HOSTED_FLAGS)
 $(BUILD)/obj/tests/%.o: FLAGS = $(HOSTED_FLAGS) $(STATIC_FLAGS) -Itests -Iapps -I. $(OPENEXR_CFLAGS) $(PNG_CFLAGS) $(TEST_FLAGS)
 
 define port_rules
@@ -456,12 +455,9 @@ mandir ?= $(prefix)/share/man
 DESTDIR ?=
 INSTALL ?= install
 
-define_of = $(shell sed -n 's/^\#define $(1) \([0-9][0-9]*\).*/\1/p' $(2))
-OIDN_CONFIG := oidn/include/OpenImageDenoise/config.h
-OIDN_VERSION = $(call define_of,OIDN_VERSION_MAJOR,$(OIDN_CONFIG)).$(call \
-               define_of,OIDN_VERSION_MINOR,$(OIDN_CONFIG)).$(call define_of,OIDN_VERSION_PATCH,$(OIDN_CONFIG))
-LULL_VERSION = $(call define_of,LULL_VERSION_MAJOR,lib/lull.h).$(call \
-               define_of,LULL_VERSION_MINOR,lib/lull.h).$(call define_of,LULL_VERSION_PATCH,lib/lull.h)
+version_of = $(subst $(space),.,$(shell sed -n 's/^\#define $(1)_VERSION_[A-Z]* \([0-9][0-9]*\).*/\1/p' $(2)))
+OIDN_VERSION = $(call version_of,OIDN,oidn/include/OpenImageDenoise/config.h)
+LULL_VERSION = $(call version_of,LULL,lib/lull.h)
 cmakedir = $(libdir)/cmake/OpenImageDenoise-$(OIDN_VERSION)
 # Of folders below the prefix, .pc files name only what is below it: a tree may be moved.
 FILL = sed -e 's|@PREFIX@|$(prefix)|g' -e 's|@INCLUDEDIR@|$(includedir)|g' \
