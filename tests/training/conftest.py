@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import subprocess
 import sys
 from collections.abc import Callable
@@ -11,6 +12,7 @@ import hypothesis
 import pytest
 import torch
 
+from export import quantize
 from tests.training.tools import make_raw
 from training.errors import ToolError
 
@@ -28,6 +30,17 @@ def raw(tmp_path_factory) -> Path:
     make_raw(data / "train")
     make_raw(data / "valid", 2)
     return data
+
+
+@pytest.fixture(scope="session")
+def int8_of(root, tmp_path_factory) -> Callable[[str], Path]:
+    """What export.quantize makes of a U-Net in weights/, once for all: int8_of(name)."""
+    @functools.cache
+    def made(name: str) -> Path:
+        path = tmp_path_factory.mktemp("int8") / f"{name}.tza"
+        quantize.main([str(root / "weights" / f"{name}.tza"), str(path)])
+        return path
+    return made
 
 
 @pytest.fixture

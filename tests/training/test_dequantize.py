@@ -4,7 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from export import kernel, quantize
+from export import kernel
 from export.dequantize import float_tensors, whole_kernels
 from export.fold import phase_kernels
 from export.graph import ModelError
@@ -37,10 +37,9 @@ def test_built_in_models(name):
 
 
 @pytest.mark.parametrize("name", ("rt_hdr_w16", "rt_hdr_alb_nrm_w16"))
-def test_a_unet_comes_back(name, tmp_path):
-    source, path = ROOT / "weights" / f"{name}.tza", tmp_path / "int8.tza"
-    quantize.main([str(source), str(path)])
-    exact, again = load_model(source), float_model(float_tensors(Reader(path), name), name)
+def test_a_unet_comes_back(name, int8_of):
+    exact = load_model(ROOT / "weights" / f"{name}.tza")
+    again = float_model(float_tensors(Reader(int8_of(name)), name), name)
     images = noisy(96, 777, 4)
     features = ("color", "albedo", "normal")[:exact.inputs // 3]
     x = Frame({f: images[f] for f in features}).network_input()

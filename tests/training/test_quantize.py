@@ -276,9 +276,8 @@ def test_a_dead_network_can_be_quantised(channels):
 # ---- The shipped weights ------------------------------------------------------------------------
 
 @pytest.fixture(scope="module", params=SHIPPED, ids=lambda path: path.stem)
-def shipped(request, tmp_path_factory):
-    out = tmp_path_factory.mktemp("shipped") / "int8.tza"
-    quantize.main([str(request.param), str(out)])
+def shipped(request, int8_of):
+    out = int8_of(request.param.stem)
     return load_model(request.param), load_model(out), out
 
 
