@@ -47,15 +47,57 @@ static void linearise(image *img, const denoise_settings *settings, image_role r
 
 static int is_none(const char *layer) { return layer && !strcmp(layer, "none"); }
 
-/* Loads the file given for a role. */
+/* 1 if a role's layer is looked for in the colour's file. */
+static int is_sought(const denoise_settings *settings, image_role role)
+{
+    if (settings->files[role] || is_none(settings->layers[role]) || settings->is_directional ||
+        strcmp(settings->filter, "RT"))
+        return 0;
+    if (role == IMAGE_MOTION)
+        return settings->is_temporal;
+    return !settings->only_given || settings->layers[role];
+}
+
+/* What is looked for beside the colour, read along with it. */
+typedef struct companions {
+    image_beside list[IMAGE_MAX_BESIDE];
+    unsigned count;
+} companions;
+
+static image_request make_request(const denoise_settings *settings, image_role role)
+{
+    image_request request = {.role = role};
+    request.layer = settings->layers[role];
+    request.type = type_of(settings, role);
+    request.threads = settings->device.threads;
+    return request;
+}
+
+static void seek_companions(companions *found, denoise_inputs *inputs,
+                            const denoise_settings *settings)
+{
+    found->count = 0;
+    for (int i = 0; i < IMAGE_ROLES; i++) {
+        image_beside *beside = &found->list[found->count];
+        if (i == IMAGE_COLOR || !is_sought(settings, (image_role)i))
+            continue;
+        beside->out = &inputs->images[i];
+        beside->request = make_request(settings, (image_role)i);
+        beside->request.is_exact = 1;
+        found->count++;
+    }
+}
+
+/* Loads the file given for a role, and with the colour what is found beside it. */
 static exit_code load_given(denoise_inputs *inputs, const denoise_settings *settings,
-                            image_role role, int frame)
+                            image_role role, int frame, companions *found)
 {
     image_error error;
-    image_request request = {role, settings->layers[role],
-                             0,    type_of(settings, role),
-                             0,    NULL,
-                             settings->device.threads};
+    image_request request = make_request(settings, role);
+    if (role == IMAGE_COLOR) {
+        request.beside = found->list;
+        request.beside_count = found->count;
+    }
     inputs->paths[role] = sequence_path(settings->files[role], frame);
     if (!inputs->paths[role])
         return fail(settings->files[role], "not enough memory");
@@ -69,61 +111,40 @@ static exit_code load_given(denoise_inputs *inputs, const denoise_settings *sett
     return EXIT_OK;
 }
 
-/* Looks for an auxiliary layer in the colour's file. A file without one is no error, unless the
- * layer was named. */
-static exit_code load_found(denoise_inputs *inputs, const denoise_settings *settings,
-                            image_role role, int frame)
+/* Takes an auxiliary layer of the colour's file. A file without one is no error, unless the layer
+ * was named. */
+static exit_code take_found(denoise_inputs *inputs, const denoise_settings *settings,
+                            const image_beside *beside, int frame)
 {
-    image_error error;
-    image_request request = {role,
-                             settings->layers[role],
-                             1,
-                             type_of(settings, role),
-                             0,
-                             &inputs->images[IMAGE_COLOR],
-                             settings->device.threads};
-    char *path = sequence_path(settings->files[IMAGE_COLOR], frame);
-    image_status status;
-    if (!path)
-        return fail(settings->files[IMAGE_COLOR], "not enough memory");
-    status = image_read(&inputs->images[role], path, &request, &error);
-    inputs->paths[role] = path;
-    inputs->is_found[role] = !request.layer;
-    inputs->has_light |=
-        !status && image_is_light(&inputs->images[role], &inputs->images[IMAGE_COLOR]);
-    if (!status && !(role == IMAGE_ALBEDO && inputs->has_light))
+    image_role role = beside->request.role;
+    if (beside->status && (beside->status != IMAGE_ERROR_LAYER || beside->request.layer))
+        return fail(inputs->paths[IMAGE_COLOR], beside->error.text);
+    if (beside->status)
         return EXIT_OK;
-    inputs->is_found[role] = 0;
-    if (!status || (status == IMAGE_ERROR_LAYER && !request.layer)) {
+    inputs->has_light |= image_is_light(&inputs->images[role], &inputs->images[IMAGE_COLOR]);
+    if (role == IMAGE_ALBEDO && inputs->has_light) {
         image_destroy(&inputs->images[role]);
-        free(path);
-        inputs->paths[role] = NULL;
         return EXIT_OK;
     }
-    return fail(path, error.text);
-}
-
-/* 1 if a role's layer is looked for in the colour's file. */
-static int is_sought(const denoise_settings *settings, image_role role)
-{
-    if (is_none(settings->layers[role]) || settings->is_directional ||
-        strcmp(settings->filter, "RT"))
-        return 0;
-    if (role == IMAGE_MOTION)
-        return settings->is_temporal;
-    return !settings->only_given || settings->layers[role];
+    inputs->is_found[role] = !beside->request.layer;
+    inputs->paths[role] = sequence_path(settings->files[IMAGE_COLOR], frame);
+    return inputs->paths[role] ? EXIT_OK : fail(settings->files[IMAGE_COLOR], "not enough memory");
 }
 
 /* All images of the frame. */
 static exit_code load_all(denoise_inputs *inputs, const denoise_settings *settings, int frame)
 {
+    companions found;
+    unsigned taken = 0;
+    seek_companions(&found, inputs, settings);
     for (int i = 0; i < IMAGE_ROLES; i++) {
         image_role role = (image_role)i;
         exit_code code = EXIT_OK;
         if (settings->files[role])
-            code = load_given(inputs, settings, role, frame);
-        else if (inputs->images[IMAGE_COLOR].is_layered && is_sought(settings, role))
-            code = load_found(inputs, settings, role, frame);
+            code = load_given(inputs, settings, role, frame, &found);
+        else if (taken < found.count && found.list[taken].request.role == role &&
+                 inputs->images[IMAGE_COLOR].is_layered)
+            code = take_found(inputs, settings, &found.list[taken++], frame);
         if (code)
             return code;
     }
@@ -206,15 +227,14 @@ exit_code denoise_load_reference(image *reference, const denoise_settings *setti
                                  const denoise_inputs *inputs, int frame)
 {
     const image *main = &inputs->images[inputs->main];
-    image_request request = {
-        inputs->main, settings->layers[inputs->main], 0, IMAGE_FLOAT, 0, NULL,
-        settings->device.threads};
+    image_request request = make_request(settings, inputs->main);
     image_error error;
     image_status status;
     exit_code code = EXIT_OK;
     char *path = sequence_path(settings->reference, frame);
     if (!path)
         return fail(settings->reference, "not enough memory");
+    request.type = IMAGE_FLOAT;
     status = image_read(reference, path, &request, &error);
     if (status == IMAGE_ERROR_LAYER && request.layer) { /* a file of another renderer, or plain */
         request.layer = NULL;

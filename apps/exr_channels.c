@@ -220,6 +220,75 @@ exr_result_t exr_channels_list(exr_channels *list, exr_context_t context, int fi
     return result;
 }
 
+/* ---- The layer that is wanted ---------------------------------------------------------------- */
+
+/* The layer of the role, one that belongs to the colour if there is such. */
+static layer_match find_role(const exr_channels *list, image_role role, const exr_channel *color)
+{
+    const char *const *names = (const char *const *)list->plain;
+    for (size_t i = 0; color && i < list->count; i++)
+        if (list->entries[i].part == color->part && list->entries[i].index == color->index)
+            return layers_find_beside(role, names[i], names, list->count);
+    return layers_find(role, names, list->count);
+}
+
+/* "no normal layer among R, G, B, ..." */
+static image_status no_layer(const exr_channels *list, const image_request *request,
+                             image_error *error)
+{
+    char text[160];
+    size_t n = 0;
+    for (size_t i = 0; i < list->count && n + 4 < sizeof text; i++) {
+        int room = (int)(sizeof text - n);
+        int more = snprintf(text + n, (size_t)room, "%s%s", i ? ", " : "", list->names[i]);
+        if (more >= room) {
+            memcpy(text + sizeof text - 4, "...", 4);
+            n = sizeof text;
+        } else {
+            n += (size_t)more;
+        }
+    }
+    if (!list->count)
+        return image_fail(error, IMAGE_ERROR_FORMAT, "the file has only deep data");
+    if (request->layer)
+        return image_fail(error, IMAGE_ERROR_LAYER, "no layer '%.60s' among the channels %s",
+                          request->layer, text);
+    return image_fail(error, IMAGE_ERROR_LAYER, "no %s layer among the channels %s",
+                      layers_role_name(request->role), text);
+}
+
+/* The layer asked for; count 0 if there is none, or if its channels are in different parts. */
+static layer_match choose(const exr_channels *list, const image_request *request,
+                          const exr_channel *color)
+{
+    const char *const *names = (const char *const *)list->names;
+    layer_match match = {0, {0, 0, 0}};
+    if (request->layer)
+        match = layers_find_named(request->layer, names, list->count);
+    else
+        match = find_role(list, request->role, color);
+    if (!match.count && !request->layer && !request->is_exact && request->role != IMAGE_COLOR)
+        match = find_role(list, IMAGE_COLOR, NULL);
+    for (unsigned c = 1; c < match.count; c++)
+        if (list->entries[match.channels[c]].part != list->entries[match.channels[0]].part)
+            match.count = 0;
+    return match;
+}
+
+image_status exr_channels_find(layer_match *match, const exr_channels *list,
+                               const image_request *request, const exr_channel *color,
+                               image_error *error)
+{
+    *match = choose(list, request, color);
+    if (!match->count)
+        return no_layer(list, request, error);
+    if (match->count == 1 &&
+        layers_find_named("RY", (const char *const *)list->names, list->count).count)
+        return image_fail(error, IMAGE_ERROR_FORMAT,
+                          "luminance and chroma channels are not supported");
+    return IMAGE_OK;
+}
+
 #else
 typedef int exr_channels_is_not_built; /* ISO C wants something in a source file */
 #endif

@@ -4,6 +4,7 @@
 #define LULL_APPS_EXR_CHANNELS_H
 
 #include "exr_file.h"
+#include "layers.h"
 
 #if LULL_WITH_OPENEXR
 
@@ -24,6 +25,13 @@ typedef struct exr_channels {
  * counts. Free the list in any case. */
 exr_result_t exr_channels_list(exr_channels *list, exr_context_t context, int first);
 void exr_channels_free(exr_channels *list);
+
+/* Finds the layer asked for: of those that may be meant, one that belongs to the picture with the
+ * channel `color` (NULL: none). Fails if there is none, or if its channels are in different parts.
+ */
+image_status exr_channels_find(layer_match *match, const exr_channels *list,
+                               const image_request *request, const exr_channel *color,
+                               image_error *error);
 
 #endif
 #endif

@@ -70,7 +70,7 @@ typedef struct image {
     unsigned bits;  /* 8 or 16: the file held integers of that many bits; 0: floating point */
     int is_layered; /* 1: read from an EXR file; then: */
     char names[3][IMAGE_NAME_SIZE]; /* the channels that were taken */
-    int part, channel; /* where the first of them is: its place in the list of a part */
+    int part;          /* where they are */
     int left, top;     /* corner of the data window */
     int may_be_light;  /* an albedo whose layer is called as others call light (layers.h) */
 } image;
@@ -93,10 +93,22 @@ typedef struct image_request {
                    * give its main image (an albedo kept in a file of its own) */
     image_type type;
     uint64_t max_bytes; /* refuse images that need more memory; 0: no limit */
-    const image *color; /* EXR, albedo and normals: the image of the same file that they belong to;
-                         * layers of its view layer are found first. NULL: none */
     int threads; /* to decode an EXR file; 0: as many as there are processors */
+    struct image_beside *beside; /* other layers of an EXR file to be read along with this one: */
+    unsigned beside_count;       /* IMAGE_MAX_BESIDE at most */
 } image_request;
+
+/* A layer beside another. Of those that may be meant, one that belongs to the other comes first: of
+ * its view layer. If the image asked for is of an EXR file (is_layered), `status` says whether this
+ * one could be read, too; else nothing is touched. */
+typedef struct image_beside {
+    image *out; /* empty where status is not IMAGE_OK */
+    image_request request;
+    image_status status;
+    image_error error;
+} image_beside;
+
+#define IMAGE_MAX_BESIDE (IMAGE_ROLES - 1)
 
 /* Reads an image. The format is told from the content, not from the name. On failure `out` is
  * empty. */

@@ -1,4 +1,4 @@
-/* OpenEXR: reading a layer of a file, and writing a file with one image. exr_channels.c lists what
+/* OpenEXR: reading layers of a file, and writing a file with one image. exr_channels.c lists what
  * layers there are, exr_keep.c writes into a copy of a multilayer file. */
 #include "imageio.h"
 
@@ -14,72 +14,30 @@
 #include "half.h"
 #include "layers.h"
 
-/* ---- The layer that is wanted ---------------------------------------------------------------- */
-
-/* The layer of the role that belongs to the colour, if there is one. */
-static layer_match find_role(const exr_channels *list, image_role role, const image *color)
-{
-    const char *const *names = (const char *const *)list->plain;
-    for (size_t i = 0; color && i < list->count; i++)
-        if (list->entries[i].part == color->part && list->entries[i].index == color->channel)
-            return layers_find_beside(role, names[i], names, list->count);
-    return layers_find(role, names, list->count);
-}
-
-/* "no normal layer among R, G, B, ..." */
-static image_status no_layer(const exr_channels *list, const image_request *request,
-                             image_error *error)
-{
-    char text[160];
-    size_t n = 0;
-    for (size_t i = 0; i < list->count && n + 4 < sizeof text; i++) {
-        int room = (int)(sizeof text - n);
-        int more = snprintf(text + n, (size_t)room, "%s%s", i ? ", " : "", list->names[i]);
-        if (more >= room) {
-            memcpy(text + sizeof text - 4, "...", 4);
-            n = sizeof text;
-        } else {
-            n += (size_t)more;
-        }
-    }
-    if (!list->count)
-        return image_fail(error, IMAGE_ERROR_FORMAT, "the file has only deep data");
-    if (request->layer)
-        return image_fail(error, IMAGE_ERROR_LAYER, "no layer '%.60s' among the channels %s",
-                          request->layer, text);
-    return image_fail(error, IMAGE_ERROR_LAYER, "no %s layer among the channels %s",
-                      layers_role_name(request->role), text);
-}
-
-/* The layer asked for; count 0 if there is none, or if its channels are in different parts. */
-static layer_match choose(const exr_channels *list, const image_request *request)
-{
-    const char *const *names = (const char *const *)list->names;
-    layer_match match = {0, {0, 0, 0}};
-    if (request->layer)
-        match = layers_find_named(request->layer, names, list->count);
-    else
-        match = find_role(list, request->role, request->color);
-    if (!match.count && !request->layer && !request->is_exact && request->role != IMAGE_COLOR)
-        match = find_role(list, IMAGE_COLOR, NULL);
-    for (unsigned c = 1; c < match.count; c++)
-        if (list->entries[match.channels[c]].part != list->entries[match.channels[0]].part)
-            match.count = 0;
-    return match;
-}
-
 /* ---- Reading --------------------------------------------------------------------------------- */
+
+/* A layer on its way into an image. */
+typedef struct layer {
+    image *out;
+    const image_request *request;
+    image_error *error;
+    image_status status; /* whether it can be read, or was */
+    int is_read;
+    int part;
+    int taken[3]; /* channels of the image, as places in the part */
+    int alpha;    /* likewise, -1: none */
+} layer;
 
 typedef struct reader {
     exr_file file;
+    layer layers[1 + IMAGE_MAX_BESIDE]; /* the one asked for, and those beside it */
+    unsigned count;
+    int part; /* that is being read, */
     exr_chunks chunks;
-    int channels;          /* of the part */
+    int channels;          /* of it */
     unsigned char *wanted; /* [channels] */
-    int taken[3]; /* channels of the image, as places in the part */
-    int alpha;    /* likewise, -1: none */
-    image *out;
-    exr_result_t failure; /* of the first chunk that failed, */
-    exr_decoder *failed;  /* and whose it is, if in decoding */
+    exr_result_t failure;  /* of the first chunk that failed, */
+    exr_decoder *failed;   /* and whose it is, if in decoding */
 } reader;
 
 /* A chunk on its way. */
@@ -87,12 +45,6 @@ typedef struct read_slot {
     exr_decoder decoder;
     exr_result_t result;
 } read_slot;
-
-static void reader_free(reader *r)
-{
-    free(r->wanted);
-    exr_file_close(&r->file);
-}
 
 /* 1 for A and alpha, in upper or lower case. */
 static int is_alpha(const char *component)
@@ -109,75 +61,93 @@ static int is_alpha(const char *component)
 static int find_alpha(const exr_attr_chlist_t *channels, const char *name)
 {
     const char *dot = strrchr(name, '.');
-    size_t layer = dot ? (size_t)(dot - name) + 1 : 0;
+    size_t prefix = dot ? (size_t)(dot - name) + 1 : 0;
     for (int c = 0; c < channels->num_channels; c++) {
         const exr_attr_chlist_entry_t *channel = &channels->entries[c];
-        if (!strncmp(channel->name.str, name, layer) && is_alpha(channel->name.str + layer) &&
+        if (!strncmp(channel->name.str, name, prefix) && is_alpha(channel->name.str + prefix) &&
             channel->x_sampling == 1 && channel->y_sampling == 1)
             return c;
     }
     return -1;
 }
 
-/* Sizes and types of the layer; allocates the image. */
-static image_status reader_begin(reader *r, image *out, const exr_channels *list, layer_match match,
-                                 const image_request *request, image_error *error)
+/* The channels of the layer. */
+static image_status take_channels(layer *l, image_type *stored, const exr_channels *list,
+                                  const layer_match *match, const exr_attr_chlist_t *channels)
 {
-    int part = list->entries[match.channels[0]].part;
+    for (unsigned c = 0; c < match->count; c++) {
+        int index = list->entries[match->channels[c]].index;
+        const exr_attr_chlist_entry_t *channel = &channels->entries[index];
+        if (channel->x_sampling != 1 || channel->y_sampling != 1)
+            return image_fail(l->error, IMAGE_ERROR_FORMAT,
+                              "subsampled channels are not supported");
+        if (channel->pixel_type != EXR_PIXEL_HALF)
+            *stored = IMAGE_FLOAT;
+        l->taken[c] = index;
+    }
+    l->alpha = l->request->role == IMAGE_COLOR
+                   ? find_alpha(channels, channels->entries[l->taken[0]].name.str)
+                   : -1;
+    for (unsigned c = 0; c < match->count; c++)
+        if (l->taken[c] == l->alpha) /* it is what is asked for, and has none itself */
+            l->alpha = -1;
+    return IMAGE_OK;
+}
+
+/* Sizes and types of the layer; allocates the image. */
+static image_status layer_begin(reader *r, layer *l, const exr_channels *list,
+                                const layer_match *match)
+{
+    image *out = l->out;
     const exr_attr_chlist_t *channels;
+    exr_attr_box2i_t window;
     image_type stored = IMAGE_HALF;
     uint64_t width, height;
     image_status status;
-    exr_result_t result = exr_get_channels(r->file.context, part, &channels);
+    exr_result_t result;
 
+    l->part = list->entries[match->channels[0]].part;
+    result = exr_get_channels(r->file.context, l->part, &channels);
     if (!result)
-        result = exr_chunks_begin(&r->chunks, r->file.context, part);
+        result = exr_get_data_window(r->file.context, l->part, &window);
     if (result)
-        return exr_file_fail(&r->file, result, IMAGE_ERROR_DATA, error);
-    r->channels = channels->num_channels;
-    r->wanted = calloc((size_t)r->channels, sizeof *r->wanted);
-    if (!r->wanted)
-        return image_fail(error, IMAGE_ERROR_MEMORY, "not enough memory");
-    for (unsigned c = 0; c < match.count; c++) {
-        int index = list->entries[match.channels[c]].index;
-        const exr_attr_chlist_entry_t *channel = &channels->entries[index];
-        if (channel->x_sampling != 1 || channel->y_sampling != 1)
-            return image_fail(error, IMAGE_ERROR_FORMAT, "subsampled channels are not supported");
-        if (channel->pixel_type != EXR_PIXEL_HALF)
-            stored = IMAGE_FLOAT;
-        r->taken[c] = index;
-        r->wanted[index] = 1;
-    }
-    width = (uint64_t)((int64_t)r->chunks.window.max.x - r->chunks.window.min.x + 1);
-    height = (uint64_t)((int64_t)r->chunks.window.max.y - r->chunks.window.min.y + 1);
-    /* Some compressions encode runs before they deflate: 1/64. */
-    status = image_check_plausible(r->file.stream, (double)width * (double)height / 64, error);
-    if (!status)
-        status = image_begin(out, request, width, height, match.count, stored, error);
+        return exr_file_fail(&r->file, result, IMAGE_ERROR_DATA, l->error);
+    status = take_channels(l, &stored, list, match, channels);
     if (status)
         return status;
-    r->alpha = request->role == IMAGE_COLOR
-                   ? find_alpha(channels, channels->entries[r->taken[0]].name.str)
-                   : -1;
-    if (r->alpha >= 0 && r->wanted[r->alpha]) /* it is what is asked for, and has none itself */
-        r->alpha = -1;
-    if (r->alpha >= 0) {
-        r->wanted[r->alpha] = 1;
+    width = (uint64_t)((int64_t)window.max.x - window.min.x + 1);
+    height = (uint64_t)((int64_t)window.max.y - window.min.y + 1);
+    /* Some compressions encode runs before they deflate: 1/64. */
+    status = image_check_plausible(r->file.stream, (double)width * (double)height / 64, l->error);
+    if (!status)
+        status = image_begin(out, l->request, width, height, match->count, stored, l->error);
+    if (status)
+        return status;
+    if (l->alpha >= 0) {
         out->alpha = malloc((size_t)width * (size_t)height * sizeof *out->alpha);
         if (!out->alpha)
-            return image_fail(error, IMAGE_ERROR_MEMORY, "not enough memory");
+            return image_fail(l->error, IMAGE_ERROR_MEMORY, "not enough memory");
     }
     out->is_layered = 1;
-    out->part = part;
-    out->channel = r->taken[0];
-    out->left = r->chunks.window.min.x;
-    out->top = r->chunks.window.min.y;
-    out->may_be_light = request->role == IMAGE_ALBEDO && !request->layer &&
-                        layers_may_be_light(list->plain[match.channels[0]]);
-    for (unsigned c = 0; c < match.count; c++)
+    out->part = l->part;
+    out->left = window.min.x;
+    out->top = window.min.y;
+    out->may_be_light = l->request->role == IMAGE_ALBEDO && !l->request->layer &&
+                        layers_may_be_light(list->plain[match->channels[0]]);
+    for (unsigned c = 0; c < match->count; c++)
         snprintf(out->names[c], sizeof out->names[c], "%s",
-                 channels->entries[r->taken[c]].name.str);
+                 channels->entries[l->taken[c]].name.str);
     return IMAGE_OK;
+}
+
+/* Finds a layer; those beside the first belong to it. */
+static image_status layer_find(reader *r, layer *l, const exr_channels *list)
+{
+    const exr_channel color = {r->layers[0].part, r->layers[0].taken[0]};
+    layer_match match;
+    image_status status = exr_channels_find(&match, list, l->request,
+                                            l == r->layers ? NULL : &color, l->error);
+    return status ? status : layer_begin(r, l, list, &match);
 }
 
 static float value_at(const unsigned char *plane, size_t i, uint16_t type)
@@ -214,35 +184,48 @@ static void store_row(image *out, size_t at, const unsigned char *row, size_t wi
     }
 }
 
-static void store_alpha(const reader *r, const exr_decoder *decoder)
+static void store_alpha(const layer *l, const exr_decoder *decoder)
 {
     const exr_chunks *chunks = &decoder->chunks;
     size_t w = (size_t)chunks->info.width, h = (size_t)chunks->info.height;
-    uint16_t type = decoder->decode.channels[r->alpha].data_type;
-    const unsigned char *row = decoder->planes[r->alpha];
+    uint16_t type = decoder->decode.channels[l->alpha].data_type;
+    const unsigned char *row = decoder->planes[l->alpha];
     for (size_t y = 0; y < h; y++, row += w * (type == EXR_PIXEL_HALF ? 2 : 4)) {
-        float *values = r->out->alpha + ((size_t)chunks->y + y) * r->out->width + (size_t)chunks->x;
+        float *values = l->out->alpha + ((size_t)chunks->y + y) * l->out->width + (size_t)chunks->x;
         for (size_t x = 0; x < w; x++)
             values[x] = value_at(row, x, type);
     }
 }
 
-static void store_chunk(const reader *r, const exr_decoder *decoder)
+static void store_layer(const layer *l, const exr_decoder *decoder)
 {
     const exr_chunks *chunks = &decoder->chunks;
-    image *out = r->out;
+    image *out = l->out;
     size_t w = (size_t)chunks->info.width, h = (size_t)chunks->info.height;
-    if (r->alpha >= 0)
-        store_alpha(r, decoder);
+    if (l->alpha >= 0)
+        store_alpha(l, decoder);
     for (unsigned c = 0; c < out->channels; c++) {
-        const exr_coding_channel_info_t *channel = &decoder->decode.channels[r->taken[c]];
-        const unsigned char *plane = decoder->planes[r->taken[c]];
+        const exr_coding_channel_info_t *channel = &decoder->decode.channels[l->taken[c]];
+        const unsigned char *plane = decoder->planes[l->taken[c]];
         size_t line = w * (channel->data_type == EXR_PIXEL_HALF ? 2 : 4);
         for (size_t y = 0; y < h; y++) {
             size_t pixel = ((size_t)chunks->y + y) * out->width + (size_t)chunks->x;
             store_row(out, pixel * out->channels + c, plane + y * line, w, channel->data_type);
         }
     }
+}
+
+/* 1 if the layer is in the part that is being read. */
+static int is_current(const reader *r, const layer *l)
+{
+    return !l->status && l->part == r->part;
+}
+
+static void store_chunk(const reader *r, const exr_decoder *decoder)
+{
+    for (unsigned i = 0; i < r->count; i++)
+        if (is_current(r, &r->layers[i]))
+            store_layer(&r->layers[i], decoder);
 }
 
 static int take_chunk(void *user, void *slot)
@@ -269,7 +252,7 @@ static int put_chunk(void *user, void *slot)
     return !s->result;
 }
 
-/* The pixels of the layer. */
+/* The pixels of all layers of the part. */
 static image_status read_chunks(reader *r, int threads, image_error *error)
 {
     const ordered_work work = {r, take_chunk, decode_chunk, put_chunk};
@@ -298,31 +281,85 @@ static image_status read_chunks(reader *r, int threads, image_error *error)
     return status;
 }
 
-static image_status read_layer(reader *r, image *out, const image_request *request,
-                               image_error *error)
+static image_status begin_part(reader *r, int part, image_error *error)
 {
-    exr_channels list;
-    layer_match match;
-    image_status status;
-    exr_result_t result = exr_channels_list(&list, r->file.context,
-                                        request->color ? request->color->part : 0);
-
-    if (result) {
-        status = exr_file_fail(&r->file, result, IMAGE_ERROR_DATA, error);
-    } else {
-        match = choose(&list, request);
-        if (!match.count)
-            status = no_layer(&list, request, error);
-        else if (match.count == 1 &&
-                 layers_find_named("RY", (const char *const *)list.names, list.count).count)
-            status = image_fail(error, IMAGE_ERROR_FORMAT,
-                                "luminance and chroma channels are not supported");
-        else
-            status = reader_begin(r, out, &list, match, request, error);
+    const exr_attr_chlist_t *channels;
+    exr_result_t result = exr_get_channels(r->file.context, part, &channels);
+    r->part = part;
+    r->failure = EXR_ERR_SUCCESS;
+    r->failed = NULL;
+    if (!result)
+        result = exr_chunks_begin(&r->chunks, r->file.context, part);
+    if (result)
+        return exr_file_fail(&r->file, result, IMAGE_ERROR_DATA, error);
+    r->channels = channels->num_channels;
+    r->wanted = calloc((size_t)r->channels, sizeof *r->wanted);
+    if (!r->wanted)
+        return image_fail(error, IMAGE_ERROR_MEMORY, "not enough memory");
+    for (unsigned i = 0; i < r->count; i++) {
+        const layer *l = &r->layers[i];
+        for (unsigned c = 0; is_current(r, l) && c < l->out->channels; c++)
+            r->wanted[l->taken[c]] = 1;
+        if (is_current(r, l) && l->alpha >= 0)
+            r->wanted[l->alpha] = 1;
     }
+    return IMAGE_OK;
+}
+
+/* Reads a part once for all layers in it. */
+static void read_part(reader *r, int part)
+{
+    image_error error;
+    image_status status = begin_part(r, part, &error);
+    if (!status)
+        status = read_chunks(r, r->layers[0].request->threads, &error);
+    for (unsigned i = 0; i < r->count; i++) {
+        layer *l = &r->layers[i];
+        if (!is_current(r, l))
+            continue;
+        l->is_read = 1;
+        l->status = status;
+        if (status)
+            *l->error = error;
+    }
+    free(r->wanted);
+    r->wanted = NULL;
+}
+
+/* Finds all layers; those beside the first one in a list that begins with its part. */
+static void find_layers(reader *r)
+{
+    layer *first = r->layers;
+    exr_channels list;
+    exr_result_t result = exr_channels_list(&list, r->file.context, 0);
+    if (!result)
+        first->status = layer_find(r, first, &list);
+    if (!result && !first->status && first->part && r->count > 1) {
+        exr_channels_free(&list);
+        result = exr_channels_list(&list, r->file.context, first->part);
+    }
+    if (result)
+        first->status = exr_file_fail(&r->file, result, IMAGE_ERROR_DATA, first->error);
+    for (unsigned i = 1; i < r->count && !first->status; i++)
+        r->layers[i].status = layer_find(r, &r->layers[i], &list);
     exr_channels_free(&list);
-    r->out = out;
-    return status ? status : read_chunks(r, request->threads, error);
+}
+
+static void read_layers(reader *r)
+{
+    find_layers(r);
+    for (unsigned i = 0; i < r->count && !r->layers[0].status; i++)
+        if (!r->layers[i].status && !r->layers[i].is_read)
+            read_part(r, r->layers[i].part);
+}
+
+static void add_layer(reader *r, image *out, const image_request *request, image_error *error)
+{
+    layer *l = &r->layers[r->count++];
+    l->out = out;
+    l->request = request;
+    l->error = error;
+    memset(out, 0, sizeof *out);
 }
 
 image_status image_read_exr(image *out, FILE *file, const image_request *request,
@@ -331,10 +368,22 @@ image_status image_read_exr(image *out, FILE *file, const image_request *request
     reader r;
     image_status status;
     memset(&r, 0, sizeof r);
+    add_layer(&r, out, request, error);
+    for (unsigned i = 0; i < request->beside_count; i++)
+        add_layer(&r, request->beside[i].out, &request->beside[i].request,
+                  &request->beside[i].error);
     status = exr_file_read(&r.file, file, error);
-    if (!status)
-        status = read_layer(&r, out, request, error);
-    reader_free(&r);
+    if (!status) {
+        read_layers(&r);
+        status = r.layers[0].status;
+    }
+    exr_file_close(&r.file);
+    for (unsigned i = 0; i < r.count; i++) {
+        if (i)
+            request->beside[i - 1].status = status ? status : r.layers[i].status;
+        if (status || r.layers[i].status)
+            image_destroy(r.layers[i].out);
+    }
     return status;
 }
 

@@ -251,48 +251,62 @@ static void tell_layer(const image *img, image_role role, json *report)
     json_close(report, '}');
 }
 
+/* Reads colour, albedo and normals of a file, each with its status: those beside a colour along
+ * with it. */
+static void read_layers(image_beside *layers, const char *path)
+{
+    for (int i = 0; i < 3; i++) {
+        image_beside *layer = &layers[i];
+        layer->request.role = (image_role)i;
+        layer->request.is_exact = i > 0;
+        layer->request.beside = i ? NULL : layers + 1;
+        layer->request.beside_count = i ? 0 : 2;
+    }
+    for (int i = 0; i < 3; i++) {
+        image_beside *layer = &layers[i];
+        layer->status = image_read(layer->out, path, &layer->request, &layer->error);
+        if (layers[0].out->pixels || (layer->status && layer->status != IMAGE_ERROR_LAYER))
+            break;
+    }
+}
+
 /* What a file has of colour, albedo and normals. Values are as stored. */
+static exit_code tell_layers(const image_beside *layers, const char *path, json *report)
+{
+    int is_told = 0, is_alone = layers[0].out->pixels && !layers[0].out->is_layered;
+    for (int i = 0; i < (is_alone ? 1 : 3); i++) {
+        const image *img = layers[i].out;
+        if (layers[i].status && layers[i].status != IMAGE_ERROR_LAYER)
+            return report_error(EXIT_INPUT, "cannot read '%s': %s", path, layers[i].error.text);
+        if (layers[i].status || (layers[0].out->pixels && image_is_light(img, layers[0].out)))
+            continue;
+        if (!is_told++) {
+            report_line("%s: %zux%zu, %u channels%s\n", path, img->width, img->height,
+                        img->channels, img->alpha ? " and alpha" : "");
+            json_number(report, "width", (double)img->width);
+            json_number(report, "height", (double)img->height);
+            json_number(report, "channels", img->channels);
+        }
+        tell_layer(img, (image_role)i, report);
+    }
+    return is_told ? EXIT_OK
+                   : report_error(EXIT_INPUT, "cannot read '%s': %s", path, layers[0].error.text);
+}
+
 static exit_code tell_image(const char *path, json *report)
 {
-    image_error missing = {IMAGE_OK, ""};
-    image color = {0};
-    int is_told = 0;
-    for (int i = 0; i < 3; i++) {
-        const image *beside = color.is_layered ? &color : NULL;
-        image_request request = {(image_role)i, NULL, i > 0, IMAGE_ANY, 0, beside, 0};
-        image_error error;
-        image img;
-        image_status status = image_read(&img, path, &request, &error);
-        if (status && status != IMAGE_ERROR_LAYER) {
-            image_destroy(&color);
-            return report_error(EXIT_INPUT, "cannot read '%s': %s", path, error.text);
-        }
-        if (status && !i)
-            missing = error;
-        if (status)
-            continue;
-        if (beside && image_is_light(&img, beside)) {
-            image_destroy(&img);
-            continue;
-        }
-        if (!is_told++) {
-            report_line("%s: %zux%zu, %u channels%s\n", path, img.width, img.height, img.channels,
-                        img.alpha ? " and alpha" : "");
-            json_number(report, "width", (double)img.width);
-            json_number(report, "height", (double)img.height);
-            json_number(report, "channels", img.channels);
-        }
-        tell_layer(&img, (image_role)i, report);
-        if (!img.is_layered)
-            i = 3; /* no layers to look for */
-        if (i)
-            image_destroy(&img);
-        else
-            color = img;
-    }
-    image_destroy(&color);
-    return is_told ? EXIT_OK
-                   : report_error(EXIT_INPUT, "cannot read '%s': %s", path, missing.text);
+    image images[3];
+    image_beside layers[3];
+    exit_code code;
+    memset(images, 0, sizeof images);
+    memset(layers, 0, sizeof layers);
+    for (int i = 0; i < 3; i++)
+        layers[i].out = &images[i];
+    read_layers(layers, path);
+    code = tell_layers(layers, path, report);
+    for (int i = 0; i < 3; i++)
+        image_destroy(&images[i]);
+    return code;
 }
 
 /* ---- Comparison ------------------------------------------------------------------------------ */
@@ -352,7 +366,7 @@ static double find_psnr(const image *reference, const image *img, float scale)
 /* The main image of a file with linear values. */
 static exit_code load_linear(image *img, const char *path)
 {
-    image_request request = {IMAGE_COLOR, NULL, 0, IMAGE_FLOAT, 0, NULL, 0};
+    image_request request = {.role = IMAGE_COLOR, .type = IMAGE_FLOAT};
     image_error error;
     if (image_read(img, path, &request, &error))
         return report_error(EXIT_INPUT, "cannot read '%s': %s", path, error.text);

@@ -109,21 +109,28 @@ static int run_all(work *w, int threads)
 
 static exit_code load(image *images, const settings *s)
 {
+    image_beside beside[3]; /* [image_role], read along with the colour where no file is given */
+    memset(beside, 0, sizeof beside);
     for (int i = 0; i < 3; i++) {
-        image_request request = {(image_role)i, NULL, 0, IMAGE_ANY, 0, NULL, s->threads};
-        const char *path = s->files[i];
-        image_error error;
-        int is_found = !path && images[IMAGE_COLOR].is_layered;
-        request.is_exact = is_found;
-        request.color = is_found ? &images[IMAGE_COLOR] : NULL;
-        if (!path && !is_found)
+        beside[i].out = &images[i];
+        beside[i].request.role = (image_role)i;
+        beside[i].request.is_exact = !s->files[i];
+        beside[i].request.threads = s->threads;
+    }
+    beside[IMAGE_COLOR].request.beside = &beside[s->files[IMAGE_ALBEDO] ? 2 : 1];
+    beside[IMAGE_COLOR].request.beside_count = !s->files[IMAGE_ALBEDO] + !s->files[IMAGE_NORMAL];
+    for (int i = 0; i < 3; i++) {
+        image_beside *it = &beside[i];
+        const char *path = s->files[i] ? s->files[i] : s->files[IMAGE_COLOR];
+        int is_found = !s->files[i];
+        if (is_found && !images[IMAGE_COLOR].is_layered)
             continue;
-        path = is_found ? s->files[IMAGE_COLOR] : path;
-        if (image_read(&images[i], path, &request, &error)) {
-            if (is_found && error.status == IMAGE_ERROR_LAYER)
-                continue;
-            return report_error(EXIT_INPUT, "cannot read '%s': %s", path, error.text);
-        }
+        if (!is_found)
+            it->status = image_read(&images[i], path, &it->request, &it->error);
+        if (is_found && it->status == IMAGE_ERROR_LAYER)
+            continue;
+        if (it->status)
+            return report_error(EXIT_INPUT, "cannot read '%s': %s", path, it->error.text);
         if (is_found && image_is_light(&images[i], &images[IMAGE_COLOR])) {
             image_destroy(&images[i]);
             continue;

@@ -125,7 +125,7 @@ static void damage(const char *path, long at)
 static void sources_of_layers_may_break(void)
 {
     const char *source = "test_ordered_source.exr", *result = "test_ordered_result.exr";
-    image_request request = {IMAGE_COLOR, "R", 0, IMAGE_ANY, 0, NULL, 1};
+    image_request request = {.role = IMAGE_COLOR, .layer = "R", .threads = 1};
     image_target target = {source, 1};
     image_error first, error;
     image img, red;
