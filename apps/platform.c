@@ -247,28 +247,17 @@ FILE *platform_divert_stdout(void)
     return NULL;
 }
 
-static volatile sig_atomic_t interrupted;
-
-static void on_interrupt(int number)
-{
-    interrupted = 1;
-    signal(number, SIG_DFL);
-}
-
-void platform_catch_interrupt(void)
-{
-    /* A shell's background jobs ignore it: it is for those in the foreground. */
-    if (signal(SIGINT, SIG_IGN) != SIG_IGN)
-        signal(SIGINT, on_interrupt);
-}
-
-int platform_interrupted(void) { return interrupted != 0; }
-
-/* ---- Outputs --------------------------------------------------------------------------------- */
+/* ---- Signals --------------------------------------------------------------------------------- */
 
 #if defined(_WIN32)
 
 static void guard(const char *temporary) { (void)temporary; }
+
+static void on_end(int number)
+{
+    signal(number, SIG_DFL);
+    raise(number);
+}
 
 #else
 
@@ -288,8 +277,10 @@ static void on_end(int number)
  * large are errors, as full disks are. */
 static void guard(const char *temporary)
 {
-    /* Farms and limits warn by the last ones, which end who does not know them. */
-    static const int ends[] = {SIGTERM, SIGHUP, SIGQUIT, SIGALRM, SIGUSR1, SIGUSR2, SIGXCPU};
+    /* Farms and limits warn by some, which end who does not know them; the last ones are crashes. */
+    static const int ends[] = {SIGTERM, SIGHUP,  SIGQUIT, SIGPIPE, SIGALRM, SIGVTALRM, SIGPROF,
+                               SIGUSR1, SIGUSR2, SIGXCPU, SIGABRT, SIGBUS,  SIGFPE,    SIGILL,
+                               SIGSEGV};
     struct sigaction now = {0};
     is_unfinished = 0;
     if (!temporary || strlen(temporary) >= sizeof unfinished)
@@ -303,6 +294,25 @@ static void guard(const char *temporary)
 }
 
 #endif
+
+static volatile sig_atomic_t interrupted;
+
+static void on_interrupt(int number)
+{
+    interrupted = 1;
+    signal(number, on_end);
+}
+
+void platform_catch_interrupt(void)
+{
+    /* A shell's background jobs ignore it: it is for those in the foreground. */
+    if (signal(SIGINT, SIG_IGN) != SIG_IGN)
+        signal(SIGINT, on_interrupt);
+}
+
+int platform_interrupted(void) { return interrupted != 0; }
+
+/* ---- Outputs --------------------------------------------------------------------------------- */
 
 int platform_is_directory(const char *path)
 {

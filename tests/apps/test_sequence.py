@@ -121,11 +121,11 @@ def test_background_jobs_are_not_interrupted(build, identity, work):
     assert run.returncode == 0 and err == ""
 
 
-def save_slowly(build, identity, work):
+def save_slowly(build, identity, work, output="out.exr"):
     """oidnDenoise at the beginning of a write of a second or more, over a file that is there."""
     t.write_pfm(work / "in.pfm", t.noise(1800, 1800))
-    (work / "out.exr").write_text("old")
-    command = [build / "bin" / "oidnDenoise", "--hdr", "in.pfm", "-w", identity[3], "-o", "out.exr"]
+    (work / output).write_text("old")
+    command = [build / "bin" / "oidnDenoise", "--hdr", "in.pfm", "-w", identity[3], "-o", output]
     run = subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=heed_signals
     )
@@ -137,7 +137,7 @@ def save_slowly(build, identity, work):
     return run
 
 
-@pytest.mark.parametrize("name", "SIGINT SIGTERM SIGHUP SIGALRM SIGUSR1".split())
+@pytest.mark.parametrize("name", "SIGINT SIGTERM SIGHUP SIGALRM SIGUSR1 SIGPIPE SIGABRT".split())
 def test_signals_while_saving(build, identity, work, exr, name):
     number = getattr(signal, name)
     with save_slowly(build, identity, work) as run:
@@ -147,6 +147,18 @@ def test_signals_while_saving(build, identity, work, exr, name):
     assert err == ("Error: interrupted\n" if number == signal.SIGINT else "")
     assert (work / "out.exr").read_text() == "old"
     assert sorted(p.name for p in work.iterdir()) == ["in.pfm", "out.exr"]
+
+
+def test_second_interrupt_while_saving(build, identity, work):
+    """It ends the program at once, which takes its temporary file along."""
+    with save_slowly(build, identity, work, "out.hdr") as run:
+        run.send_signal(signal.SIGINT)
+        time.sleep(0.01)
+        run.send_signal(signal.SIGINT)
+        run.communicate(timeout=600)
+    assert run.returncode == -signal.SIGINT
+    assert (work / "out.hdr").read_text() == "old"
+    assert sorted(p.name for p in work.iterdir()) == ["in.pfm", "out.hdr"]
 
 
 def test_files_that_may_not_grow(build, identity, work):
