@@ -545,6 +545,23 @@ static exit_code process(frame_job *job)
     return code ? code : write_outputs(job);
 }
 
+/* The outputs of a sequence, which are known one by one. */
+static exit_code check_outputs(const frame_job *job)
+{
+    const denoise_settings *s = job->settings;
+    exit_code code = EXIT_OK;
+    for (int i = 0; i < s->output_count && s->frames && !code; i++) {
+        image_error error;
+        char *path = sequence_path(s->outputs[i], job->frame);
+        if (!path)
+            code = report_error(EXIT_OUTPUT, "cannot write '%s': not enough memory", s->outputs[i]);
+        else if (image_check_writable(path, &error))
+            code = report_error(EXIT_OUTPUT, "cannot write '%s': %s", path, error.text);
+        free(path);
+    }
+    return code;
+}
+
 exit_code denoise_frame(denoise_session *session, int frame)
 {
     frame_job job;
@@ -555,6 +572,9 @@ exit_code denoise_frame(denoise_session *session, int frame)
     job.frame = frame;
     job.is_hdr = job.settings->is_hdr;
     job.is_srgb = job.settings->is_srgb;
+    code = check_outputs(&job);
+    if (code)
+        return code;
     report_line("Loading input\n");
     code = denoise_load(&job.inputs, job.settings, frame, session->report);
     if (!code)

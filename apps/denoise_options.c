@@ -213,9 +213,6 @@ static exit_code validate(const S *s)
     if (s->is_temporal &&
         (!s->files[IMAGE_COLOR] || s->is_directional || s->runs > 1 || strcmp(s->filter, "RT")))
         return report_error(EXIT_USAGE, "--temporal is for colours, the filter RT and one run");
-    for (int i = 0; i < s->output_count; i++)
-        if (image_check_writable(s->outputs[i], &error))
-            return report_error(EXIT_OUTPUT, "cannot write '%s': %s", s->outputs[i], error.text);
     if (s->frames) {
         for (int i = 0; i < s->output_count; i++)
             if (!sequence_is_pattern(s->outputs[i]))
@@ -223,6 +220,9 @@ static exit_code validate(const S *s)
                     EXIT_USAGE, "with --frames, the output '%s' needs #### or %%04d in its name",
                     s->outputs[i]);
     }
+    for (int i = 0; i < s->output_count; i++)
+        if (image_check_writable(s->outputs[i], &error))
+            return report_error(EXIT_OUTPUT, "cannot write '%s': %s", s->outputs[i], error.text);
     return EXIT_OK;
 }
 

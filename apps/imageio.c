@@ -331,6 +331,7 @@ image_status image_read(image *out, const char *path, const image_request *reque
 image_status image_check_writable(const char *path, image_error *error)
 {
     const image_format *format = format_of_path(path);
+    int code;
     if (!format)
         return image_fail(
             error, IMAGE_ERROR_WRITE,
@@ -338,7 +339,8 @@ image_status image_check_writable(const char *path, image_error *error)
             "ppm, pgm)");
     if (!format->is_available)
         return image_fail(error, IMAGE_ERROR_WRITE, "this build cannot write %s", format->name);
-    return IMAGE_OK;
+    code = output_check(path);
+    return code ? image_fail(error, IMAGE_ERROR_WRITE, "%s", strerror(code)) : IMAGE_OK;
 }
 
 image_status image_write(const char *path, const image *img, const image_target *target,

@@ -131,7 +131,8 @@ typedef struct image_target {
 image_status image_write(const char *path, const image *img, const image_target *target,
                          image_error *error);
 
-/* Fails with the reason if image_write would not know how to write to such a path. */
+/* Fails with the reason if image_write would not know how to write to such a path, or not be
+ * allowed to. */
 image_status image_check_writable(const char *path, image_error *error);
 
 /* 0 for files whose extension implies sRGB-encoded values: all but .exr .pfm .phm .hdr. */

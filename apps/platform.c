@@ -100,6 +100,7 @@ static int create_new(const char *path)
 
 static char *resolve(const char *path) { return _strdup(path); }
 static int is_writable(const char *path) { return _access(path, 2) == 0; }
+static int may_fill(const char *folder) { return _access(folder, 0) == 0; }
 static int copy_descriptor(int descriptor) { return _dup(descriptor); }
 static int put_descriptor(int from, int to) { return _dup2(from, to); }
 static int process_id(void) { return _getpid(); }
@@ -214,6 +215,7 @@ static char *resolve(const char *path)
 }
 
 static int is_writable(const char *path) { return access(path, W_OK) == 0; }
+static int may_fill(const char *folder) { return access(folder, W_OK | X_OK) == 0; }
 
 static int copy_descriptor(int descriptor) { return dup(descriptor); }
 static int put_descriptor(int from, int to) { return dup2(from, to); }
@@ -356,22 +358,58 @@ static int open_temporary(output_file *out)
     return 0;
 }
 
+/* Whether a file can be made where the path is: 0 or an errno value. */
+static int check_folder(const char *path)
+{
+    size_t n = folder_length(path);
+    char *folder = malloc(n + 2);
+    int error = 0;
+    if (!folder)
+        return ENOMEM;
+    memcpy(folder, n ? path : ".", n ? n : 1);
+    folder[n ? n : 1] = 0;
+    if (!may_fill(folder))
+        error = errno;
+    free(folder);
+    return error;
+}
+
+/* Whether the target may be written, and what it is (st_mode 0: nothing yet). */
+static int check_target(const char *path, const char *resolved, struct stat *info)
+{
+    if (platform_is_directory(resolved))
+        return EISDIR;
+    if (stat(path, info)) {
+        info->st_mode = 0;
+        return errno == ENOENT ? check_folder(resolved) : errno;
+    }
+    if (!is_writable((info->st_mode & S_IFMT) == S_IFREG ? resolved : path))
+        return errno; /* a file could be replaced, but somebody protected it */
+    return (info->st_mode & S_IFMT) == S_IFREG ? check_folder(resolved) : 0;
+}
+
+int output_check(const char *path)
+{
+    struct stat info = {0};
+    char *resolved = resolve(path);
+    int error = resolved ? check_target(path, resolved, &info) : ENOMEM;
+    free(resolved);
+    return error;
+}
+
 int output_open(output_file *out, const char *path)
 {
     struct stat info = {0};
-    int error = 0;
+    int error;
     memset(out, 0, sizeof *out);
     out->path = resolve(path);
     if (!out->path)
         return ENOMEM;
-    if (platform_is_directory(out->path)) {
-        error = EISDIR;
-    } else if (stat(path, &info) == 0 && (info.st_mode & S_IFMT) != S_IFREG) {
+    error = check_target(path, out->path, &info);
+    if (!error && info.st_mode && (info.st_mode & S_IFMT) != S_IFREG) {
         out->stream = fopen(path, "wb"); /* a link to /dev/stdout leads to a pipe without name */
         error = out->stream ? 0 : errno;
-    } else if (info.st_mode && !is_writable(out->path)) {
-        error = errno; /* it could be replaced, but somebody protected it */
-    } else {
+    } else if (!error) {
         error = open_temporary(out);
     }
     if (error)

@@ -77,6 +77,10 @@ typedef struct output_file {
 
 /* Each returns 0 or an errno value; after a failure of either nothing is left behind. */
 int output_open(output_file *out, const char *path);
+
+/* Whether output_open would be allowed to, as far as can be told without trying: 0 or an errno
+ * value. */
+int output_check(const char *path);
 int output_close(output_file *out);
 
 /* Gives up: removes what was written. */

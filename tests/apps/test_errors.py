@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import errno
 import os
+import shutil
 import struct
+import subprocess
+import tempfile
 import zlib
 from pathlib import Path
 
@@ -264,7 +267,44 @@ def test_outputs_that_cannot_be_written(denoise, identity, work):
     for target in ("none/out.pfm", "folder.pfm", "out.jpg", "out", "out.pfm/"):
         done = denoise("--hdr", "in.pfm", "-w", identity[3], "-o", target)
         assert done.code == 4 and target in done.error, (target, done.err)
+        assert "Denoising" not in done.out and "Loading" not in done.out
     assert sorted(p.name for p in work.iterdir()) == ["folder.pfm", "in.pfm"]
+
+
+def test_outputs_of_a_sequence_that_cannot_be_written(denoise, identity, work):
+    for n in (1, 2):
+        t.write_pfm(work / f"in{n}.pfm", t.noise(H, W))
+    (work / "out2.pfm").mkdir()
+    named = "--hdr", "in#.pfm", "-w", identity[3], "--frames", "1-2", "--json"
+    done = denoise(*named, "-o", "out#.pfm")
+    assert done.code == 4 and done.json["error"] == "cannot write 'out2.pfm': Is a directory"
+    assert [list(f) for f in done.json["frames"]][1] == ["frame"]
+    done = denoise(*named, "-o", "none/out#.pfm")
+    assert done.code == 4 and "none/out#.pfm" in done.json["error"] and "frames" not in done.json
+
+
+@pytest.mark.skipif(os.geteuid() == 0 and not shutil.which("setpriv"),
+                    reason="optional: root may write everything, and setpriv is missing")
+@pytest.mark.parametrize("target", ["old.pfm", "closed/new.pfm", "closed/old.pfm"])
+def test_protected_files_stay(build, identity, target):
+    """And folders that nothing may be made in, not even in place of a file that may be written."""
+    drop = ["setpriv", "--reuid=65534", "--clear-groups"] if os.geteuid() == 0 else []
+    with tempfile.TemporaryDirectory() as folder:  # that others may enter, as pytest's they may not
+        os.chmod(folder, 0o777)
+        t.write_pfm(Path(folder, "in.pfm"), t.noise(H, W))
+        shutil.copy(identity[3], Path(folder, "w.tza"))
+        shutil.copy(build / "bin" / "oidnDenoise", folder)
+        Path(folder, "closed").mkdir()
+        for old, mode in (("old.pfm", 0o444), ("closed/old.pfm", 0o666)):
+            Path(folder, old).write_text("old")
+            Path(folder, old).chmod(mode)
+        Path(folder, "closed").chmod(0o555)
+        done = subprocess.run([*drop, "./oidnDenoise", "--hdr", "in.pfm", "-w", "w.tza", "-o",
+                               target], cwd=folder, capture_output=True, text=True, check=False)
+        left = Path(folder, target).read_text() if "old" in target else "old"
+        Path(folder, "closed").chmod(0o755)
+        assert done.returncode == 4 and left == "old" and "Denoising" not in done.stdout
+        assert done.stderr == f"Error: cannot write '{target}': Permission denied\n"
 
 
 @pytest.mark.skipif(
