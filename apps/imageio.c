@@ -11,21 +11,21 @@
 #include "platform.h"
 
 /* The formats. The first row whose magic a file begins with reads it; rows with the same magic
- * differ in what they write. '?' in a magic stands for any byte. */
+ * differ in what they write. */
 static const image_format formats[] = {
-    {"exr", "OpenEXR", LULL_WITH_OPENEXR, 1, 0, IMAGE_MULTIPLIED, "\x76\x2f\x31\x01",
+    {"exr", "OpenEXR", LULL_WITH_OPENEXR, 1, 0, 1, IMAGE_MULTIPLIED, "\x76\x2f\x31\x01",
      image_read_exr, image_write_exr},
-    {"pfm", "PFM", 1, 1, 0, IMAGE_OPAQUE, "PF", image_read_pfm, image_write_pfm},
-    {"pfm", "PFM", 1, 1, 0, IMAGE_OPAQUE, "Pf", image_read_pfm, image_write_pfm},
-    {"pfm", "PFM", 1, 1, 0, IMAGE_OPAQUE, "P=", image_read_pfm, image_write_pfm},
-    {"phm", "PHM", 1, 1, 0, IMAGE_OPAQUE, "PH", image_read_pfm, image_write_phm},
-    {"phm", "PHM", 1, 1, 0, IMAGE_OPAQUE, "Ph", image_read_pfm, image_write_phm},
-    {"phm", "PHM", 1, 1, 0, IMAGE_OPAQUE, "P:", image_read_pfm, image_write_phm},
-    {"png", "PNG", LULL_WITH_PNG, 0, 1, IMAGE_STRAIGHT, "\x89PNG\r\n\x1a\n", image_read_png,
+    {"pfm", "PFM", 1, 1, 0, 0, IMAGE_OPAQUE, "PF", image_read_pfm, image_write_pfm},
+    {"pfm", "PFM", 1, 1, 0, 0, IMAGE_OPAQUE, "Pf", image_read_pfm, image_write_pfm},
+    {"pfm", "PFM", 1, 1, 0, 0, IMAGE_OPAQUE, "P=", image_read_pfm, image_write_pfm},
+    {"phm", "PHM", 1, 1, 0, 0, IMAGE_OPAQUE, "PH", image_read_pfm, image_write_phm},
+    {"phm", "PHM", 1, 1, 0, 0, IMAGE_OPAQUE, "Ph", image_read_pfm, image_write_phm},
+    {"phm", "PHM", 1, 1, 0, 0, IMAGE_OPAQUE, "P:", image_read_pfm, image_write_phm},
+    {"png", "PNG", LULL_WITH_PNG, 0, 1, 0, IMAGE_STRAIGHT, "\x89PNG\r\n\x1a\n", image_read_png,
      image_write_png},
-    {"hdr", "Radiance HDR", 1, 1, 0, IMAGE_OPAQUE, "#?R", image_read_hdr, image_write_hdr},
-    {"ppm", "PPM", 1, 0, 1, IMAGE_OPAQUE, "P6", image_read_ppm, image_write_ppm},
-    {"pgm", "PGM", 1, 0, 1, IMAGE_OPAQUE, "P5", image_read_ppm, image_write_pgm},
+    {"hdr", "Radiance HDR", 1, 1, 0, 0, IMAGE_OPAQUE, "#?R", image_read_hdr, image_write_hdr},
+    {"ppm", "PPM", 1, 0, 1, 0, IMAGE_OPAQUE, "P6", image_read_ppm, image_write_ppm},
+    {"pgm", "PGM", 1, 0, 1, 0, IMAGE_OPAQUE, "P5", image_read_ppm, image_write_pgm},
 };
 #define FORMATS (sizeof formats / sizeof formats[0])
 
@@ -297,8 +297,8 @@ image_status image_read_stream(image *out, FILE *file, const image_request *requ
         return image_fail(error, IMAGE_ERROR_FORMAT, "%s is not supported by this build",
                           format->name);
     if (platform_seek(file, 0)) {
-        if (format->read == image_read_exr) /* whose layers are read one by one, and copied */
-            return image_fail(error, IMAGE_ERROR_OPEN, "OpenEXR is not read from pipes");
+        if (format->is_copied)
+            return image_fail(error, IMAGE_ERROR_OPEN, "%s is not read from pipes", format->name);
         source = copy_pipe(file, head, bytes);
         if (!source)
             return image_fail(error, IMAGE_ERROR_OPEN, "cannot copy the pipe to a temporary file");

@@ -201,6 +201,7 @@ typedef struct image_format {
     int is_available;
     int is_linear;     /* values in such files are linear, not sRGB-encoded */
     int is_integer;    /* values are clamped to [0, 1] */
+    int is_copied;     /* read once more for what an output keeps of it: no pipe will do */
     image_alpha alpha;
     const char *magic; /* first bytes, or NULL if another row reads these files */
     image_status (*read)(image *, FILE *, const image_request *, image_error *);

@@ -26,26 +26,62 @@ static int read_line(FILE *file, char *line, size_t size)
     return c != EOF;
 }
 
-/* Reads up to and including the resolution line. is_flipped: rows from bottom to top. */
-static image_status read_header(FILE *file, unsigned long *width, unsigned long *height,
-                                int *is_flipped, image_error *error)
+/* What a header says. */
+typedef struct header {
+    unsigned long width, height;
+    int is_flipped;  /* rows from bottom to top */
+    float factor[3]; /* that pixels were multiplied by */
+} header;
+
+/* "NAME=value": the value without blanks around it; NULL if the line is another one. */
+static char *value_of(char *line, const char *name)
 {
-    char line[1024], sign_y, sign_x, rest;
+    size_t n = strlen(name);
+    char *value = line + n;
+    if (strncmp(line, name, n) || *value++ != '=')
+        return NULL;
+    value += strspn(value, " \t");
+    for (n = strlen(value); n && strchr(" \t", value[n - 1]); n--)
+        value[n - 1] = 0;
+    return value;
+}
+
+/* Multiplies by the one factor of a line, or by its three; nonsense counts as none. */
+static void add_factors(header *h, const char *text, int count)
+{
+    float values[3] = {1, 1, 1};
+    int found = sscanf(text, "%f %f %f", &values[0], &values[1], &values[2]);
+    for (int c = 0; c < 3 && found >= count; c++) {
+        float factor = h->factor[c] * values[count == 1 ? 0 : c];
+        if (factor > 0 && isfinite(factor) && isfinite(1 / factor))
+            h->factor[c] = factor;
+    }
+}
+
+/* Reads up to and including the resolution line. Factors of several lines multiply. */
+static image_status read_header(FILE *file, header *h, image_error *error)
+{
+    char line[1024], sign_y, sign_x, rest, *value;
+    h->factor[0] = h->factor[1] = h->factor[2] = 1;
     do {
         if (!read_line(file, line, sizeof line))
             return image_fail(error, IMAGE_ERROR_DATA, "the Radiance header is truncated");
-        if (!strncmp(line, "FORMAT=", 7) && strcmp(line + 7, "32-bit_rle_rgbe"))
+        if ((value = value_of(line, "FORMAT")) != NULL && strcmp(value, "32-bit_rle_rgbe"))
             return image_fail(error, IMAGE_ERROR_FORMAT,
-                              "Radiance files of format '%.40s' are not supported", line + 7);
+                              "Radiance files of format '%.40s' are not supported", value);
+        if ((value = value_of(line, "EXPOSURE")) != NULL)
+            add_factors(h, value, 1);
+        if ((value = value_of(line, "COLORCORR")) != NULL)
+            add_factors(h, value, 3);
     } while (line[0]);
     if (!read_line(file, line, sizeof line))
         return image_fail(error, IMAGE_ERROR_DATA, "the Radiance header is truncated");
-    if (sscanf(line, "%cY %9lu %cX %9lu%c", &sign_y, height, &sign_x, width, &rest) != 4 ||
+    if (sscanf(line, "%cY %9lu %cX %9lu%c", &sign_y, &h->height, &sign_x, &h->width, &rest) != 4 ||
         (sign_y != '-' && sign_y != '+') || (sign_x != '-' && sign_x != '+'))
         return image_fail(error, IMAGE_ERROR_DATA, "the Radiance resolution line is malformed");
     if (sign_x == '-')
         return image_fail(error, IMAGE_ERROR_FORMAT, "mirrored Radiance files are not supported");
-    *is_flipped = sign_y == '+';
+    h->is_flipped = sign_y == '+';
     return IMAGE_OK;
 }
 
@@ -107,21 +143,20 @@ static int read_row(FILE *file, unsigned char *row, size_t width)
 image_status image_read_hdr(image *out, FILE *file, const image_request *request,
                             image_error *error)
 {
-    unsigned long width = 0, height = 0;
-    int is_flipped = 0;
+    header h = {0};
     int64_t size;
     unsigned char *row;
     float *values;
-    image_status status = read_header(file, &width, &height, &is_flipped, error);
+    image_status status = read_header(file, &h, error);
 
     if (status)
         return status;
     size = platform_file_size(file);
-    if (size >= 0 && (double)height * 4 > (double)size) /* a row takes four bytes at least */
+    if (size >= 0 && (double)h.height * 4 > (double)size) /* a row takes four bytes at least */
         return image_fail(error, IMAGE_ERROR_DATA,
                           "truncated: the header says %lux%lu pixels, the file has %.0f bytes",
-                          width, height, (double)size);
-    status = image_begin(out, request, width, height, 3, IMAGE_FLOAT, error);
+                          h.width, h.height, (double)size);
+    status = image_begin(out, request, h.width, h.height, 3, IMAGE_FLOAT, error);
     if (status)
         return status;
     row = malloc(out->width * 4);
@@ -138,9 +173,9 @@ image_status image_read_hdr(image *out, FILE *file, const image_request *request
             const unsigned char *p = row + 4 * x;
             float unit = p[3] ? ldexpf(1.0f, p[3] - (128 + 8)) : 0.0f;
             for (unsigned c = 0; c < 3; c++)
-                values[3 * x + c] = (float)p[c] * unit;
+                values[3 * x + c] = (float)p[c] * unit / h.factor[c];
         }
-        image_set_row(out, is_flipped ? out->height - 1 - y : y, values);
+        image_set_row(out, h.is_flipped ? out->height - 1 - y : y, values);
     }
     free(row);
     free(values);

@@ -227,6 +227,22 @@ def test_radiance_header_lines_have_any_length(copy, work):
     assert t.equal(t.read_pfm(work / "out.pfm"), t.from_rgbe(codes))
 
 
+@pytest.mark.parametrize("lines, factor", [
+    (b"EXPOSURE=4", (4, 4, 4)),
+    (b"EXPOSURE= 2.0\t\nEXPOSURE=0.5\nEXPOSURE=8", (8, 8, 8)),
+    (b"COLORCORR= 1 2 4\nEXPOSURE=2", (2, 4, 8)),
+    (b"EXPOSURE=0\nEXPOSURE=-1\nEXPOSURE=nan\nEXPOSURE=\nCOLORCORR=2 2\nEXPOSURES=2", (1, 1, 1)),
+    (b"FORMAT= 32-bit_rle_rgbe \t", (1, 1, 1)),
+])
+def test_radiance_factors(copy, work, lines, factor):
+    """Pixels were multiplied by what such lines say."""
+    codes = t.to_rgbe(t.noise(H, 16))
+    data = t.write_hdr(work / "in.hdr", codes).read_bytes()
+    (work / "in.hdr").write_bytes(data.replace(b"# made", lines + b"\n# made", 1))
+    copy(work / "in.hdr", work / "out.pfm")
+    assert t.equal(t.read_pfm(work / "out.pfm"), t.from_rgbe(codes) / np.float32(factor))
+
+
 def test_radiance_rounds_to_nearest(denoise, identity, work):
     image = t.noise(H, 64) * 50
     t.write_pfm(work / "in.pfm", image)
