@@ -279,7 +279,7 @@ static void on_end(int number)
  * large are errors, as full disks are. */
 static void guard(const char *temporary)
 {
-    /* Farms and limits warn by some, which end who does not know them; the last ones are crashes. */
+    /* Farms and limits warn by some, which end who does not know them; the last are crashes. */
     static const int ends[] = {SIGTERM, SIGHUP,  SIGQUIT, SIGPIPE, SIGALRM, SIGVTALRM, SIGPROF,
                                SIGUSR1, SIGUSR2, SIGXCPU, SIGABRT, SIGBUS,  SIGFPE,    SIGILL,
                                SIGSEGV};
