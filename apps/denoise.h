@@ -21,6 +21,7 @@ typedef struct denoise_settings {
     const char *outputs[MAX_OUTPUTS];
     int output_count;
     int is_hdr, is_srgb, is_directional, is_aux_clean, is_in_place;
+    int is_untold; /* nobody said whether the colour is HDR: its extension does, or what it holds */
     int is_prefiltering; /* the albedo is denoised by itself first */
     int is_temporal;     /* results are mixed with those of the frames before */
     int has_motion_scale;

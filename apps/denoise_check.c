@@ -42,7 +42,7 @@ void denoise_check(denoise_inputs *inputs, int *is_hdr, int *is_srgb, const deno
     const image *images = inputs->images;
     findings found;
     doctor_content content = s->is_directional ? DOCTOR_SIGNED
-                             : s->is_hdr       ? DOCTOR_HDR
+                             : *is_hdr         ? DOCTOR_HDR
                              : s->is_srgb      ? DOCTOR_SRGB
                                                : DOCTOR_LDR;
 

@@ -577,6 +577,9 @@ exit_code denoise_frame(denoise_session *session, int frame)
         return code;
     report_line("Loading input\n");
     code = denoise_load(&job.inputs, job.settings, frame, session->report);
+    if (!code && job.settings->is_untold && !job.is_srgb)
+        job.is_hdr = image_is_linear(&job.inputs.images[IMAGE_COLOR],
+                                     job.inputs.paths[IMAGE_COLOR]);
     if (!code)
         code = platform_interrupted() ? EXIT_INTERRUPTED : process(&job);
     job_free(&job);

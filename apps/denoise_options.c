@@ -18,6 +18,7 @@ static int set_hdr(void *settings, const char *const *v)
     S *s = settings;
     s->files[IMAGE_COLOR] = v[0];
     s->is_hdr = 1;
+    s->is_untold = 0;
     return 0;
 }
 
@@ -25,7 +26,7 @@ static int set_ldr(void *settings, const char *const *v)
 {
     S *s = settings;
     s->files[IMAGE_COLOR] = v[0];
-    s->is_hdr = 0;
+    s->is_hdr = s->is_untold = 0;
     return 0;
 }
 
@@ -37,7 +38,7 @@ static int set_directional(void *settings, const char *const *v)
     return 0;
 }
 
-/* An argument without dashes: the image to denoise; what it holds is told by its extension. */
+/* An argument without dashes: the image to denoise. */
 static int set_positional(void *settings, const char *path)
 {
     S *s = settings;
@@ -45,6 +46,7 @@ static int set_positional(void *settings, const char *path)
         return 1;
     s->files[IMAGE_COLOR] = path;
     s->is_hdr = image_path_is_linear(path);
+    s->is_untold = 1;
     return 0;
 }
 

@@ -12,6 +12,7 @@ static int set_input(void *settings, const char *const *v)
     S *s = settings;
     s->files[IMAGE_COLOR] = v[0];
     s->is_hdr = image_path_is_linear(v[0]);
+    s->is_untold = 1;
     return 0;
 }
 

@@ -284,27 +284,6 @@ def test_formats_are_told_by_content(copy, work, exr):
     assert t.equal(t.read_pfm(work / "out.pfm"), image)
 
 
-@pytest.mark.parametrize("name", ["beauty.pfm.1", "noisy"])
-def test_names_that_say_nothing(denoise, info, identity, work, png, name):
-    """What a file holds counts, as it does for /dev/stdin."""
-    image, codes = t.noise(H, W), np.arange(H * W * 3).reshape(H, W, 3) % 256
-    t.write_pfm(work / name, image)
-    t.write_png(work / "codes", codes)
-    weights = ("-w", identity[3], "-o", "out.pfm")
-    for arguments, expected in (
-        (("--hdr", name), image),
-        (("--ldr", name), image),
-        (("--ldr", "codes"), t.srgb_decode(codes / 255)),
-        (("--nrm", "codes"), codes / 255 * 2 - 1),
-        (("--nrm", name), image),
-    ):
-        done = denoise(*arguments, *weights)
-        assert done.code == 0, done.err
-        assert np.abs(t.read_pfm(work / "out.pfm") - expected).max() < 1e-5, arguments
-    done = info("--compare", name, "out.pfm", "--json")
-    assert done.json["files"][0]["avgerror"] < 1e-5, done.out
-
-
 # ---- sRGB ----------------------------------------------------------------------------------------
 
 
