@@ -180,7 +180,7 @@ size_t lull_plan_minimum(const lull_frame *frame, const lull_model *model);
 
 /* Makes a plan in `memory`. `model` must outlive it.
  * Errors: ARGUMENT; MEMORY (also if max_bytes is below the minimum); FEATURES if the inputs of a
- * direct network are not 3 per feature of the frame. */
+ * direct network are not 3 per feature of a frame that is not empty. */
 lull_status lull_plan_init(lull_plan **plan, void *memory, size_t memory_bytes,
                            const lull_frame *frame, const lull_model *model);
 

@@ -438,6 +438,16 @@ static void empty_images(void)
     ERROR(device, NONE);
     oidnCommitFilter(empty);
     ERROR(device, OPERATION);
+    use_identity(empty, 9); /* more than the images have, which does not matter yet */
+    oidnSetSharedFilterImage(empty, "color", pixels[0], F3, 0, 1, 0, 0, 0);
+    oidnSetSharedFilterImage(empty, "output", pixels[0], F3, 0, 1, 0, 0, 0);
+    oidnCommitFilter(empty);
+    oidnExecuteFilter(empty);
+    ERROR(device, NONE);
+    oidnSetSharedFilterImage(empty, "color", pixels[0], F3, 1, 1, 0, 0, 0);
+    oidnSetSharedFilterImage(empty, "output", pixels[0], F3, 1, 1, 0, 0, 0);
+    oidnCommitFilter(empty);
+    ERROR(device, UNKNOWN);
     oidnReleaseFilter(empty);
     for (i = 0; i < COUNT(sizes); i++) {
         const size_t width = sizes[i][0], height = sizes[i][1];

@@ -481,6 +481,10 @@ static void errors_are_reported(void)
     CHECK_EQ(lull_plan_size(&frame, model), 0);
     CHECK_EQ(lull_plan_init(&plan, memory, 1 << 22, &frame, model), LULL_ERROR_FEATURES);
     good = lull_frame_default(20, 20, LULL_HDR, ALL_FEATURES);
+    frame.height = 0; /* takes any */
+    CHECK_EQ(lull_plan_init(&plan, memory, 1 << 22, &frame, model), LULL_OK);
+    CHECK_EQ(lull_run(plan, &images, NULL), LULL_OK);
+    frame.height = 20;
     /* what made the size 0 is said without any memory, as a caller without sizes has none */
     CHECK_EQ(lull_plan_init(&plan, NULL, 0, &frame, model), LULL_ERROR_FEATURES);
     CHECK_EQ(lull_plan_init(&plan, NULL, 0, &good, model), LULL_ERROR_MEMORY);
