@@ -123,8 +123,8 @@ void lull_param_set_float(lull_value values[], enum lull_owner owner, const char
 bool lull_param_get(const lull_value values[], enum lull_owner owner, const char *name,
                     bool is_float, lull_value *value, lull_fault *fault);
 
-/* Integer value of an environment variable, 0 for words ("off", as in OIDN), or `otherwise` where
- * it is not set or empty. */
+/* Integer value of an environment variable, 0 for words ("off") and nothing, as in OIDN, or
+ * `otherwise` where it is not set. */
 int lull_env_int(const char *name, int otherwise);
 int lull_env_is_set(const char *name);
 

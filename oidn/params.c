@@ -98,12 +98,7 @@ bool lull_param_get(const lull_value values[], enum lull_owner owner, const char
 
 /* ---- Environment and messages ---------------------------------------------------------------- */
 
-int lull_env_is_set(const char *name)
-{
-    const char *text = getenv(name);
-
-    return text && *text;
-}
+int lull_env_is_set(const char *name) { return getenv(name) != NULL; }
 
 int lull_env_int(const char *name, int otherwise)
 {

@@ -46,8 +46,8 @@ static lull_atomic first_process;
 static bool load_library(lull_cl_api *api, lull_fault *fault)
 {
     const uint32_t process = (uint32_t)lull_process_id();
-    const char *name = lull_env_is_set("LULL_OPENCL_LIBRARY") ? getenv("LULL_OPENCL_LIBRARY")
-                                                              : LIBRARY;
+    const char *asked = getenv("LULL_OPENCL_LIBRARY");
+    const char *name = asked && *asked ? asked : LIBRARY;
     const uint32_t first = lull_atomic_load(&first_process);
     void *library;
 

@@ -321,6 +321,17 @@ static int one_thread(void)
     return !ok;
 }
 
+static int any_threads(void)
+{
+    OIDNDevice device = oidnNewDevice(OIDN_DEVICE_TYPE_CPU);
+    int ok;
+
+    oidnSetDeviceInt(device, "numThreads", 1);
+    ok = oidnGetDeviceInt(device, "numThreads") == 0;
+    oidnReleaseDevice(device);
+    return !ok;
+}
+
 static int no_affinity(void)
 {
     OIDNDevice device = oidnNewDevice(OIDN_DEVICE_TYPE_CPU);
@@ -388,6 +399,8 @@ static void environment(void)
     size_t i;
 
     CHECK_EQ(in_child("OIDN_NUM_THREADS", "1", one_thread), 0);
+    CHECK_EQ(in_child("OIDN_NUM_THREADS", "", any_threads), 0); /* set, to 0 */
+    CHECK_EQ(in_child("OIDN_SET_AFFINITY", "", no_affinity), 0);
     CHECK_EQ(in_child("OIDN_SET_AFFINITY", "0", no_affinity), 0);
     CHECK_EQ(in_child("OIDN_SET_AFFINITY", "false", no_affinity), 0);
     CHECK_EQ(in_child("OIDN_SET_AFFINITY", "8", affinity_is_one), 0);
@@ -399,6 +412,7 @@ static void environment(void)
         return; /* reads this once per process, which is too late here */
     CHECK_EQ(in_child("OIDN_DEVICE_CPU", "0", no_cpu), 0);
     CHECK_EQ(in_child("OIDN_DEVICE_CPU", "off", no_cpu), 0);
+    CHECK_EQ(in_child("OIDN_DEVICE_CPU", "", no_cpu), 0);
 }
 
 /* A device made before a fork works in the child, too, and in the parent afterwards. */
