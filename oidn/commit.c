@@ -1,6 +1,8 @@
 /* Committing a filter: checks, choice of weights, plan. */
 #include "internal.h"
 
+#include "../lib/image.h"
+
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -89,30 +91,37 @@ static lull_content content_of(OIDNFilter filter)
 
 /* ---- Overlap of output and inputs ------------------------------------------------------------ */
 
-/* Pixel i of both images lies at the same address, so a run that reads a pixel before it writes it
- * needs no copy. */
-static bool same_place(const lull_image_param *a, const lull_image_param *b)
+/* The image as the core sees it. */
+static lull_image view_of(const lull_image_param *image)
 {
-    return a->data == b->data && a->pixel_stride == b->pixel_stride &&
-           a->row_stride == b->row_stride;
+    lull_image view;
+
+    view.data = image->data;
+    view.type = image->format >= OIDN_FORMAT_HALF ? LULL_F16 : LULL_F32;
+    view.channels = lull_format_channels(image->format);
+    view.pixel_stride = (ptrdiff_t)image->pixel_stride;
+    view.row_stride = (ptrdiff_t)image->row_stride;
+    return view;
 }
 
 /* Overlap is decided by addresses, so raw pointers, shared buffers and buffers within each other's
- * memory are all seen. *staged: some input overlaps without lying in the same place. */
-static bool find_overlap(OIDNFilter filter, unsigned features, bool *staged)
+ * memory are all seen. *staged: some input overlaps without lying in the same place, where a run
+ * reads each pixel before it writes it. */
+static bool find_overlap(OIDNFilter filter, const lull_frame *frame, bool *staged)
 {
-    const lull_image_param *output = &filter->images[LULL_OUTPUT];
+    const lull_image output = view_of(&filter->images[LULL_OUTPUT]);
     bool overlap = false;
     unsigned i;
 
     *staged = false;
-    for (i = 0; i < LULL_OUTPUT; i++) {
-        const lull_image_param *input = &filter->images[i];
+    for (i = 0; i < LULL_OUTPUT && frame->width && frame->height; i++) {
+        const lull_image input = view_of(&filter->images[i]);
 
-        if (!(features >> i & 1) || !lull_images_overlap(output, input))
+        if (!(frame->features >> i & 1) ||
+            !lull_image_overlaps(&output, &input, frame->width, frame->height))
             continue;
         overlap = true;
-        if (!same_place(output, input))
+        if (!lull_image_is_in_place(&output, &input, frame->width, frame->height))
             *staged = true;
     }
     return overlap;
@@ -136,7 +145,7 @@ static bool find_pictures(lull_pictures *pictures, OIDNFilter filter, lull_frame
         return lull_fail(fault, OIDN_ERROR_OUT_OF_MEMORY, "out of memory: pictures of %llu pixels",
                          (unsigned long long)pixels);
     pictures->orientations = (unsigned)n;
-    frame->in_place = find_overlap(filter, frame->features, &staged);
+    frame->in_place = find_overlap(filter, frame, &staged);
     if (n > 1) {
         staged = frame->in_place || output->format >= OIDN_FORMAT_HALF;
         pictures->turned_bytes = sum_bytes;
@@ -361,13 +370,8 @@ static void publish_images(OIDNFilter filter)
         lull_buffer_attach(used ? image->buffer : NULL);
         lull_buffer_detach(filter->committed_buffers[i]);
         filter->committed_buffers[i] = used ? image->buffer : NULL;
-        if (!used)
-            continue;
-        views[i]->data = image->data;
-        views[i]->type = image->format >= OIDN_FORMAT_HALF ? LULL_F16 : LULL_F32;
-        views[i]->channels = lull_format_channels(image->format);
-        views[i]->pixel_stride = image->pixel_stride;
-        views[i]->row_stride = image->row_stride;
+        if (used)
+            *views[i] = view_of(image);
     }
     filter->committed.input_scale = filter->values[lull_value_input_scale].f;
     filter->committed.calm = filter->committed.ragged = NAN;

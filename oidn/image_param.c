@@ -109,10 +109,3 @@ bool lull_image_param_make(lull_image_param *image, OIDNBuffer buffer, void *poi
         image->data += offset;
     return true;
 }
-
-bool lull_images_overlap(const lull_image_param *a, const lull_image_param *b)
-{
-    const uintptr_t pa = (uintptr_t)a->data, pb = (uintptr_t)b->data;
-
-    return pa < pb ? a->span > pb - pa : b->span > pa - pb;
-}

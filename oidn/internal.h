@@ -391,9 +391,6 @@ bool lull_image_param_make(lull_image_param *image, OIDNBuffer buffer, void *poi
 unsigned lull_format_channels(OIDNFormat format);
 size_t lull_format_bytes(OIDNFormat format);
 
-/* Whether the bytes of two images overlap. */
-bool lull_images_overlap(const lull_image_param *a, const lull_image_param *b);
-
 /* Checks everything and prepares execution (commit.c). */
 bool lull_filter_commit(OIDNFilter filter, lull_fault *fault);
 

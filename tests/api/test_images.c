@@ -305,6 +305,30 @@ static void memory_limit(void)
     free(first);
 }
 
+/* An output between the pixels of the input, as renderers have their passes, needs no copy. */
+static void interleaved_images_are_not_copied(void)
+{
+    enum { SIDE = 600, PASSES = 7 };
+    OIDNDevice device = new_device();
+    float *passes = noise_image(PASSES * SIDE * SIDE, 26);
+    OIDNFilter filter = oidnNewFilter(device, "RT");
+
+    use_identity(filter, 3);
+    oidnSetFilterBool(filter, "hdr", true);
+    oidnSetFilterInt(filter, "maxMemoryMB", 4); /* less than the output has */
+    oidnSetSharedFilterImage(filter, "color", passes, F3, SIDE, SIDE, 12, 4 * PASSES, 0);
+    oidnSetSharedFilterImage(filter, "output", passes, F3, SIDE, SIDE, 0, 4 * PASSES, 0);
+    oidnCommitFilter(filter);
+    oidnExecuteFilter(filter);
+    ERROR(device, NONE);
+    oidnSetSharedFilterImage(filter, "output", passes, F3, SIDE, SIDE, 4, 4 * PASSES, 0);
+    oidnCommitFilter(filter);
+    ERROR(device, is_peer() ? NONE : MEMORY);
+    oidnReleaseFilter(filter);
+    oidnReleaseDevice(device);
+    free(passes);
+}
+
 int main(int argc, char **argv)
 {
     CHECK_MAIN(argc, argv);
@@ -313,6 +337,7 @@ int main(int argc, char **argv)
     RUN(few_channels);
     RUN(input_scales);
     RUN(memory_limit);
+    RUN(interleaved_images_are_not_copied);
     free_identity();
     return check_report();
 }
