@@ -20,6 +20,8 @@ static const unsigned steps[] = {16, 8, 4, 2, 1};
 enum { MANY_STEP, FEW_STEP, SMALL_STEP };
 #define FEW_THREADS 4u
 #define STEP_COUNT (sizeof steps / sizeof steps[0])
+#define START_ROWS 1024u  /* by then a plan is under way, and ... */
+#define PERIOD_STEPS 256u /* ... repeats itself after these */
 #define MOST_ROWS (LULL_MAX_SIZE / 2) /* of a step: rings, which have some more, count in 16 bits */
 
 int lull_plan_is_patched(const lull_plan *plan, unsigned l)
@@ -44,10 +46,17 @@ static void grow_ring(lull_plan *plan, unsigned tensor)
         lull_max_u(plan->ring[tensor].rows, lull_plan_alive(plan, tensor)) & 0xffffu;
 }
 
-/* Plays the whole frame through and sets the rows of every ring, and the delay. */
+/* Plays the whole frame through, but for all periods of a tall one but one, and sets the rows of
+ * every ring, and the delay. These depend on the row step, not on strips. */
 static void play(lull_plan *plan)
 {
     const lull_graph *graph = &plan->model->graph;
+    const unsigned period = PERIOD_STEPS * plan->row_step;
+    const unsigned periods = (lull_max_u(plan->height, START_ROWS) - START_ROWS) / period;
+    const unsigned left_out = (lull_max_u(periods, 1) - 1) * period;
+    plan->height -= left_out;
+    plan->frame.height -= left_out;
+    plan->played = plan->row_step;
     lull_plan_restart(plan);
     plan->delay_rows = 0;
     for (unsigned t = 0; t < LULL_TENSORS; t++)
@@ -75,6 +84,8 @@ static void play(lull_plan *plan)
             plan->delay_rows = lull_max_u(plan->delay_rows, rows - 1 - plan->stored);
         plan->stored = made;
     }
+    plan->height += left_out;
+    plan->frame.height += left_out;
 }
 
 size_t lull_ring_pixel(const lull_ring *ring)
@@ -271,7 +282,8 @@ static void layout(lull_plan *plan)
     size_t total = lull_align_up(sizeof *plan, LULL_ALIGN), saved = 0, longest, bins;
     plan->strips = plan->width ? (plan->width + plan->strip_width - 1) / plan->strip_width : 0;
     plan->row_width = lull_min_u(plan->strip_width + 2 * graph->margin, plan->width);
-    play(plan);
+    if (plan->played != plan->row_step)
+        play(plan);
     longest = layout_rings(plan, &total);
     plan->zero_row = (uint32_t)(lull_append(&total, longest) / LULL_ALIGN);
     plan->scratch_bytes = LULL_BLOCK * 9 * sizeof(float);

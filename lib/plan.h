@@ -58,6 +58,7 @@ struct lull_plan {
     unsigned strips;
     unsigned row_width; /* columns held: the strip and its overlaps */
     unsigned delay_rows;
+    unsigned played;               /* the row step that rings and delay are set for */
     uint32_t zero_row;             /* offset of zeros as long as any row, and ... */
     uint32_t exposure;             /* ... of rows of auto-exposure bins, in units of LULL_ALIGN */
     size_t scratch, scratch_bytes; /* per worker: LULL_BLOCK pixels of images, then, from
