@@ -193,6 +193,10 @@ END
     try "meson: runs" "$work/meson/build/consumer"
     try "meson: configures the tree itself" meson setup "$work/meson/tree" "$root"
     try "meson: builds a test that links in a way of its own" ninja -C "$work/meson/tree" test_memory
+    if command -v clang >/dev/null 2>&1; then # it warns of this flag
+        try "meson: finds the ports of clang" sh -c 'CC=clang meson setup "$1/meson/clang" "$2" \
+            -Dc_args=-Wformat-truncation | grep -q "ports.*SCALAR"' - "$work" "$root"
+    fi
 else
     skip meson "optional: meson or ninja is not installed"
 fi
