@@ -38,6 +38,9 @@ ifneq ($(SAN),)
 BUILD ?= build/san-$(subst $(comma),-,$(SAN))
 endif
 BUILD ?= build
+ifneq ($(words $(BUILD)),1)
+$(error BUILD='$(BUILD)': it must name a folder, without blanks)
+endif
 
 include lib/sources.mk ports/sources.mk oidn/sources.mk apps/sources.mk
 TESTS :=

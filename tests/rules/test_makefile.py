@@ -44,6 +44,13 @@ def test_cflags_that_the_compiler_warns_of_lose_no_port(tmp_path: Path):
     assert warned == plain
 
 
+@pytest.mark.parametrize("build", ["", "with blanks"])
+def test_build_names_a_folder(build: str):
+    said = subprocess.run(["make", "-n", "SAN=", f"BUILD={build}"], cwd=ROOT, capture_output=True,
+                          text=True)
+    assert said.returncode and f"BUILD='{build}'" in said.stderr
+
+
 def test_windows_gets_its_import_library(tmp_path: Path):
     """The CMake package names it; without it -lOpenImageDenoise means the static library."""
     if not shutil.which("x86_64-w64-mingw32-gcc"):
