@@ -116,6 +116,23 @@ END
     try "cmake: builds" cmake --build "$work/cmake/build"
     try "cmake: shared runs" "$work/cmake/build/shared"
     try "cmake: static runs" "$work/cmake/build/static"
+    mkdir "$work/alone" # where the static library is the only one
+    cat >"$work/alone/CMakeLists.txt" <<'END'
+cmake_minimum_required(VERSION 3.13)
+project(consumer C)
+find_package(OpenImageDenoise 2 REQUIRED)
+if(NOT OIDN_STATIC_LIB)
+  message(FATAL_ERROR "OIDN_STATIC_LIB is ${OIDN_STATIC_LIB}")
+endif()
+add_executable(alone ../main.c)
+target_link_libraries(alone OpenImageDenoise)
+END
+    mv "$work/moved/lib/libOpenImageDenoise.so.2" "$work/alone"
+    try "cmake: configures with the static library" cmake -S "$work/alone" -B "$work/alone/build" \
+        -DCMAKE_PREFIX_PATH="$work/moved"
+    try "cmake: builds with the static library" cmake --build "$work/alone/build"
+    try "cmake: runs with the static library" "$work/alone/build/alone"
+    mv "$work/alone/libOpenImageDenoise.so.2" "$work/moved/lib"
     mv "$work/moved" "$tree"
     try "make install for a multiarch system" "${MAKE:-make}" -C "$root" --no-print-directory \
         install BUILD="$build" prefix="$work/multi" libdir="$work/multi/lib/x86_64-linux-gnu"
