@@ -10,8 +10,8 @@
 #
 # Environment: PYTHON (default python3), LULL_NO_INSTALL=1 never installs Debian packages, CI=true makes
 # it fail where something of these is missing (else the tests in question count as skipped) and
-# installs, where it can, also what optional tests use: other compilers, emulators, valgrind, the real
-# Open Image Denoise.
+# installs, where it can, also what optional tests use: other compilers, emulators, valgrind, Cargo,
+# Conan, the real Open Image Denoise.
 set -eu
 
 what=$1
@@ -74,6 +74,7 @@ find_wanted() {
     need cmake command -v cmake
     need meson command -v meson
     need ninja-build command -v ninja
+    need cargo command -v cargo
     need valgrind command -v valgrind
     need qemu-user command -v qemu-aarch64
     need "gcc-aarch64-linux-gnu libc6-dev-arm64-cross" command -v aarch64-linux-gnu-gcc
@@ -124,13 +125,14 @@ wanted=training/scenes/requirements.txt
 if [ "$what" = peer ] || [ "${CI:-}" = true ]; then
     lists="$lists bench/requirements.txt"
 fi
+[ "$what:${CI:-}" != check:true ] || wanted="$wanted tests/packages/requirements.txt"
 for list in $lists $wanted; do
     stamp=$venv/$(echo "$list" | tr / -).done
     ! cmp -s "$root/$list" "$stamp" || continue
     echo "installing $list into $venv (this can take minutes)"
     "$venv/bin/python" -m pip install --quiet --disable-pip-version-check -r "$root/$list" || {
         echo "setup: pip could not install the packages of $list" >&2
-        [ "$list" != "$wanted" ] || continue # the tests of the scenes are skipped
+        case " $wanted " in *" $list "*) continue ;; esac # the tests that use them are skipped
         exit 1
     }
     cp "$root/$list" "$stamp"
