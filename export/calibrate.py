@@ -13,7 +13,7 @@ from export.graph import ALIGN
 from export.pixels import Frame, srgb_forward
 from export.reference import padded
 from training.errors import DATA, USAGE, ToolError
-from training.features import clean, decoded
+from training.features import clean, decoded, placed
 from training.imageio import read_exr_channels, read_image, read_placed, stack
 from training.layers import find_images
 
@@ -69,7 +69,7 @@ def read_picture(path: Path, kind: Kind, optional: Sequence[str] = ()) -> dict[s
     parts = path.name.split(".")
     triple = len(parts) > 2 and parts[-2] in ("hdr", "ldr", "alb", "nrm")
     images: dict[str, np.ndarray] = {}
-    origins = set()
+    origins = {}
     for feature in (*kind.features, *optional):
         image = None
         short = SHORT[feature]
@@ -78,14 +78,14 @@ def read_picture(path: Path, kind: Kind, optional: Sequence[str] = ()) -> dict[s
             file = path.with_name(".".join([*parts[:-2], letters, parts[-1]]))
             if file.is_file() and file.suffix.lower() == ".exr":
                 image, origin = read_placed(file, short)
-                origins.add(origin)
+                origins[feature] = origin
             elif file.is_file():
                 image = decoded(read_image(file), _coded(feature, kind), file)
         elif path.suffix.lower() == ".exr":
             channels = read_exr_channels(path)
             if names := find_images(short, channels):
                 image = stack(path, channels, names)
-                origins.add(channels.origins[names[0]])
+                origins[feature] = channels.origins[names[0]]
         elif feature == kind.features[0]:
             image = decoded(read_image(path), _coded(feature, kind), path)
         if image is not None:
@@ -93,11 +93,7 @@ def read_picture(path: Path, kind: Kind, optional: Sequence[str] = ()) -> dict[s
         elif feature in kind.features:
             raise ToolError(f"{path}: the model needs {'+'.join(kind.features)}, "
                             f"there is no {feature}", DATA)
-    if len({i.shape[:2] for i in images.values()}) > 1:
-        raise ToolError(f"{path}: features of different sizes", DATA)
-    if len(origins) > 1:
-        raise ToolError(f"{path}: data windows of features begin at different pixels", DATA)
-    return images
+    return placed(str(path), images, origins)
 
 
 def _coded(feature: str, kind: Kind) -> str:

@@ -20,7 +20,7 @@ import numpy as np
 
 from training import color, errors, metrics
 from training.errors import DATA, ToolError
-from training.features import FLT_MAX, clean, holds, load_raw
+from training.features import FLT_MAX, check_beside, clean, holds, load_raw, placed
 from training.scan import Group, Version, scan
 from training.settings import parse
 
@@ -102,7 +102,7 @@ def check_pair(main: str, source: np.ndarray, target: np.ndarray) -> Iterator[st
 def check_group(group: Group, features: list[str], layers: dict[str, str]) -> Iterator[str]:
     """Findings about the renders of a group; features: the main one first."""
     main = features[0]
-    target, size, place = None, None, None
+    target, first = None, None
     for version in [v for v in (group.target, *group.inputs) if v]:
         opened: dict = {}
         try:
@@ -114,15 +114,13 @@ def check_group(group: Group, features: list[str], layers: dict[str, str]) -> It
             continue
         raw = {f: image for f, (image, _) in found.items()}
         yield from (f"{version.name}: {text}" for text in check_values(version, raw))
-        sizes = {f: i.shape[:2] for f, i in raw.items()}
         places = {f: origin for f, (_, origin) in found.items() if origin}
-        size = size or sizes[main]
-        if set(sizes.values()) != {size}:
-            yield f"{version.name}: sizes differ ({sizes})"
-            continue
-        place = place or next(iter(places.values()), None)
-        if set(places.values()) - {place}:
-            yield f"{version.name}: data windows begin elsewhere than at {place} ({places})"
+        try:
+            images = placed(version.name, raw, places)
+            first = first or (version.name, images)
+            check_beside(version, images, first[1], first[0])
+        except ToolError as e:
+            yield str(e)
             continue
         picture = clean(raw[main], main)
         if version is group.target:

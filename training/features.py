@@ -4,6 +4,7 @@ After `load`: hdr >= 0; ldr, alb in [0,1]; nrm, sh1 in [-1,1]; z >= 0; all finit
 """
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -111,30 +112,39 @@ def load(version: Version, features: list[str], layers: dict[str, str] | None = 
     """Features of a version by name, cleaned; all of one size, at one place. opened: as in
     load_raw."""
     opened = {} if opened is None else opened
-    images, origins = Images(), {}
+    images, origins = {}, {}
     for feature in features:
         image, origin = load_raw(version, feature, layers, opened)
         images[feature] = clean(image, feature)
         if origin:
-            origins[feature] = images.origin = origin
-    sizes = {i.shape[:2] for i in images.values()}
-    if len(sizes) > 1:
+            origins[feature] = origin
+    return placed(version.name, images, origins)
+
+
+def placed(name: str, images: Mapping[str, np.ndarray],
+           origins: Mapping[str, Origin]) -> Images:
+    """The features of the picture `name`; ToolError unless all are of one size, at one place."""
+    if len({i.shape[:2] for i in images.values()}) > 1:
         text = ", ".join(f"{f} {i.shape[1]}x{i.shape[0]}" for f, i in images.items())
-        raise ToolError(f"{version.name}: features differ in size ({text})", DATA)
+        raise ToolError(f"{name}: features differ in size ({text})", DATA)
     if len(set(origins.values())) > 1:
         text = ", ".join(f"{f} at {x},{y}" for f, (x, y) in origins.items())
-        raise ToolError(f"{version.name}: data windows begin at different pixels ({text})", DATA)
-    return images
+        raise ToolError(f"{name}: data windows begin at different pixels ({text})", DATA)
+    together = Images(images)
+    together.origin = next(iter(origins.values()), None)
+    return together
 
 
-def check_beside(version: Version, images: Images, target: Images) -> None:
-    """ToolError unless the reference of a version is of its size, at its place."""
+def check_beside(version: Version, images: Images, target: Images,
+                 called: str = "its reference") -> None:
+    """ToolError unless the reference of a version, or what else is `called` so, is of its size, at
+    its place."""
     (h, w), (height, width) = (next(iter(i.values())).shape[:2] for i in (images, target))
     if (h, w) != (height, width):
-        raise ToolError(f"{version.name}: {w}x{h} pixels, its reference has {width}x{height}", DATA)
+        raise ToolError(f"{version.name}: {w}x{h} pixels, {called} has {width}x{height}", DATA)
     if images.origin and target.origin and images.origin != target.origin:
         (x, y), (left, top) = images.origin, target.origin
-        raise ToolError(f"{version.name}: the data window begins at {x},{y}, that of its reference "
+        raise ToolError(f"{version.name}: the data window begins at {x},{y}, that of {called} "
                         f"at {left},{top}", DATA)
 
 
