@@ -17,7 +17,8 @@ import numpy as np
 
 from training import color, errors, metrics
 from training.errors import USAGE, ToolError
-from training.imageio import LINEAR_FORMATS, WRITERS, read_image, write_image
+from training.imageio import (LINEAR_FORMATS, WRITERS, read_display, read_image, read_placed,
+                              write_image)
 from training.settings import parse
 
 KINDS = ("hdr", "ldr", "srgb", "sh1", "sh1x", "sh1y", "sh1z", "alb", "nrm", "z", "a")
@@ -69,7 +70,10 @@ def main(argv: list[str]) -> None:
     result = convert(image, feature, wanted, settings.exposure)
     if target.suffix[1:].lower() not in LINEAR_FORMATS and wanted != "srgb":
         result = metrics.to_codes(result, wanted)
-    write_image(target, result)
+    place = {}
+    if source.suffix.lower() == target.suffix.lower() == ".exr":
+        place = {"origin": read_placed(source)[1], "display": read_display(source)}
+    write_image(target, result, **place)
 
 
 if __name__ == "__main__":

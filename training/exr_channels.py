@@ -1,23 +1,26 @@
 """The channels of an EXR file by name, with the views of stereo files, as apps/exr_channels.c."""
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 Origin = tuple[int, int]  # column and row where a data window begins
+Window = tuple[int, int, int, int]  # first column and row, last ones
 
 
 class Channels(dict[str, np.ndarray]):
     """Channels by full name, [H,W]. plain: the full names by those without the view of stereo
     files; other views than the default one begin with theirs, as if they were view layers
-    ("albedo.R", "right.albedo.R"). origins: where data windows begin, by full name."""
+    ("albedo.R", "right.albedo.R"). origins: where data windows begin, by full name; display: the
+    display window."""
 
-    def __init__(self, channels: Iterable[tuple[str, np.ndarray]] = ()):
-        super().__init__(channels)
-        self.plain = {name: name for name in self}
+    def __init__(self):
+        super().__init__()
+        self.plain: dict[str, str] = {}
         self.origins: dict[str, Origin] = {}
+        self.display: Window | None = None
 
     def add(self, name: str, plain: str, pixels: np.ndarray, origin: Origin) -> None:
         """Of equal names the first one counts."""
@@ -25,6 +28,14 @@ class Channels(dict[str, np.ndarray]):
             self[name] = pixels
             self.origins[name] = origin
             self.plain.setdefault(plain, name)
+
+    def called(self, names: Mapping[str, str]) -> Channels:
+        """Some of the channels under other names, those of `names` by the new ones."""
+        channels = Channels()
+        channels.display = self.display
+        for name, full in names.items():
+            channels.add(name, name, self[full], self.origins[full])
+        return channels
 
 
 def names_of(parts: Sequence[Any], part: Any) -> Iterator[tuple[str, str, str]]:

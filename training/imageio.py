@@ -12,11 +12,12 @@ import zlib
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 
 from training.errors import DATA, DEPENDENCY, OUTPUT, USAGE, ToolError
-from training.exr_channels import Channels, Origin, names_of
+from training.exr_channels import Channels, Origin, Window, names_of
 from training.layers import find_own
 from training.png import read_png, write_png
 
@@ -76,7 +77,8 @@ def read_exr_channels(path: Path) -> Channels:
                     continue
                 if any((c.xSampling, c.ySampling) != (1, 1) for c in part.channels.values()):
                     raise ToolError(f"{path}: subsampled channels are not supported", DATA)
-                origin = tuple(map(int, part.header["dataWindow"][0]))
+                origin = window_of(part.header, "dataWindow")[:2]
+                channels.display = channels.display or window_of(part.header, "displayWindow")
                 for name, full, plain in names_of(f.parts, part):
                     pixels = np.asarray(part.channels[name].pixels, np.float32)
                     channels.add(full, plain, pixels, origin)
@@ -88,6 +90,18 @@ def read_exr_channels(path: Path) -> Channels:
     if not channels:
         raise ToolError(f"{path}: cannot read (truncated, or no channels)", DATA)
     return channels
+
+
+def window_of(header: dict, name: str) -> Window:
+    """The data window or the display window of a header."""
+    return tuple(int(v) for corner in header[name] for v in corner)
+
+
+def read_display(path: Path) -> Window:
+    """The display window of an EXR that can be read."""
+    exr = _openexr()
+    with silent(), exr.File(str(path), header_only=True) as f:
+        return window_of(f.parts[0].header, "displayWindow")
 
 
 def read_exr(path: Path) -> np.ndarray:
@@ -189,14 +203,20 @@ def _unpack_line(raw: np.ndarray, at: int, line: np.ndarray) -> int:
     return at
 
 
-def write_exr(path: Path, image: np.ndarray, names: tuple[str, ...] | None = None) -> None:
-    """float32 EXR, PIZ; channels R,G,B or Y."""
+def write_exr(path: Path, image: np.ndarray, names: tuple[str, ...] | None = None,
+              origin: Origin = (0, 0), display: Window | None = None) -> None:
+    """float32 EXR, PIZ; channels R,G,B or Y. origin, display: where the data window begins, and
+    the display window, else the data window."""
     exr = _openexr()
     image = np.asarray(image, np.float32)
     if names is None:
         names = {1: ("Y",), 2: ("R", "G"), 3: ("R", "G", "B")}.get(image.shape[-1], ())
     channels = {n: np.ascontiguousarray(image[..., i]) for i, n in enumerate(names)}
     header = {"compression": exr.PIZ_COMPRESSION, "type": exr.scanlineimage}
+    (h, w), (x, y) = image.shape[:2], origin
+    data = x, y, x + w - 1, y + h - 1
+    for name, window in ("dataWindow", data), ("displayWindow", display or data):
+        header[name] = np.array(window[:2], np.int32), np.array(window[2:], np.int32)
     try:
         with exr.File(header, channels) as f:
             f.write(str(path))
@@ -256,11 +276,12 @@ def read_image(path: Path) -> np.ndarray:
         raise ToolError(f"{path}: cannot read ({e or 'truncated'})", DATA) from e
 
 
-def write_image(path: Path, image: np.ndarray) -> None:
-    """Write by extension; png takes values in [0,1] as encoded, the others floats."""
+def write_image(path: Path, image: np.ndarray, **place: Any) -> None:
+    """Write by extension; png takes values in [0,1] as encoded, the others floats. place: origin
+    and display of write_exr; other formats have no place for them."""
     path = Path(path)
     kind = path.suffix[1:].lower()
     if kind not in WRITERS:
         raise ToolError(f"{path}: unknown format (known: {' '.join(WRITERS)})", USAGE)
     with replacing(path) as tmp:
-        WRITERS[kind](tmp, image)
+        WRITERS[kind](tmp, image, **(place if kind == "exr" else {}))

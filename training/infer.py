@@ -6,7 +6,8 @@
 Output: <output_dir>/<data set>/<input name>.<suffix>[_<epoch>].<feature>.<format>; the suffix is
 the result's name, of a name with folders (proj/mine) the last part, unless told. exr, pfm, phm
 and hdr hold linear values, png tone-mapped sRGB. A file <group>.json (or the group's name cut at an
-underscore) may give {"exposure": x} for tone mapping; it is copied beside the output.
+underscore) may give {"exposure": x} for tone mapping; it is copied beside the output. EXR files lie
+in the frame where their inputs do.
 """
 from __future__ import annotations
 
@@ -21,6 +22,7 @@ import shutil
 from collections import defaultdict
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -29,7 +31,7 @@ from training import color, errors, kernel_model, metrics, parallel
 from training.auxiliary import load_prefilters, run_network
 from training.errors import DATA, ToolError
 from training.features import Images, check_beside, encode, load
-from training.imageio import LINEAR_FORMATS, WRITERS, replacing, write_image
+from training.imageio import LINEAR_FORMATS, WRITERS, read_display, replacing, write_image
 from training.result import Result, load_model
 from training.scan import CHANNELS, Group, Version, scan
 from training.settings import Settings, parse
@@ -127,16 +129,18 @@ def infer_group(group: Group, denoiser: Denoiser, settings: Settings, root: Path
     target = read(group.target, [main_feature], settings) if group.target else None
     if target and settings.save_all:
         save(folder / group.target.name, target[main_feature], main_feature, settings.format,
-             exposure)
+             exposure, place_of(group.target, target))
     for version in group.inputs:
         images = read(version, denoiser.features, settings)
         if images is None:
             continue
         output = denoiser.run(images)
-        save(folder / f"{version.name}.{suffix}", output, main_feature, settings.format, exposure)
+        place = place_of(version, images)
+        save(folder / f"{version.name}.{suffix}", output, main_feature, settings.format, exposure,
+             place)
         if settings.save_all:
             save(folder / version.name, images[main_feature], main_feature, settings.format,
-                 exposure)
+                 exposure, place)
         yield version.name, score(version, images, output, target, settings.metric, exposure)
 
 
@@ -156,20 +160,32 @@ def score(version: Version, images: Images, output: np.ndarray, target: Images |
     return metrics.measure(*shown, names, version.name)
 
 
-def save(stem: Path, image: np.ndarray, feature: str, formats: list[str], exposure: float) -> None:
+def place_of(version: Version, images: Images) -> dict[str, Any]:
+    """Where the picture lies in its frame, for write_image, as the EXR of its main feature says."""
+    path = version.files.get(next(iter(images)), version.files.get("*"))
+    if images.origin is None or path is None or path.suffix.lower() != ".exr":
+        return {}
+    return {"origin": images.origin, "display": read_display(path)}
+
+
+def save(stem: Path, image: np.ndarray, feature: str, formats: list[str], exposure: float,
+         place: dict[str, Any]) -> None:
     """Write a feature in every format; sh1 as three pictures."""
     if feature == "sh1":
         for i, axis in enumerate("xyz"):
             for kind in formats:
-                _save(Path(f"{stem}.sh1{axis}.{kind}"), image[..., 3 * i:3 * i + 3], feature, 1.0)
+                _save(Path(f"{stem}.sh1{axis}.{kind}"), image[..., 3 * i:3 * i + 3], feature, 1.0,
+                      place)
         return
     for kind in formats:
-        _save(Path(f"{stem}.{feature}.{kind}"), image, feature, exposure)
+        _save(Path(f"{stem}.{feature}.{kind}"), image, feature, exposure, place)
 
 
-def _save(path: Path, image: np.ndarray, feature: str, exposure: float) -> None:
+def _save(path: Path, image: np.ndarray, feature: str, exposure: float,
+          place: dict[str, Any]) -> None:
     linear = path.suffix[1:].lower() in LINEAR_FORMATS
-    write_image(path, image if linear else metrics.to_codes(image, feature, exposure))
+    write_image(path, image if linear else metrics.to_codes(image, feature, exposure),
+                **place)
 
 
 def read_metadata(root: Path, group: str) -> tuple[float, Path | None]:

@@ -15,12 +15,10 @@ if __name__ == "__main__" and not __package__:  # run as a file: go on as a modu
 
 from pathlib import Path
 
-import numpy as np
-
 from training import errors
 from training.errors import DATA, ToolError
 from training.exr_channels import Channels
-from training.imageio import read_exr_channels, replacing, write_exr
+from training.imageio import read_exr_channels, replacing, stack, write_exr
 from training.layers import find_images
 from training.settings import parse
 
@@ -37,8 +35,8 @@ def main(argv: list[str]) -> None:
     if layer:
         prefix = layer.rstrip(".") + "."
         names = {n: n for n in channels} | channels.plain
-        channels = Channels((n[len(prefix):], channels[full]) for n, full in names.items()
-                            if n.startswith(prefix))
+        chosen = {n[len(prefix):]: full for n, full in names.items() if n.startswith(prefix)}
+        channels = channels.called(chosen)
         if not channels:
             raise ToolError(f"{path}: no channels in layer '{layer}'", DATA)
     print("Channels: " + " ".join(channels))
@@ -57,7 +55,8 @@ def split(path: Path, channels: Channels, feature: str) -> bool:
         return False
     out = path.with_name(f"{path.stem}.{feature}.exr")
     with replacing(out) as tmp:
-        write_exr(tmp, np.stack([channels[n] for n in names], -1))
+        write_exr(tmp, stack(path, channels, names), None, channels.origins[names[0]],
+                  channels.display)
     print(f"{out} <- {' '.join(names)}")
     return True
 

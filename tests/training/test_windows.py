@@ -6,7 +6,7 @@ import pytest
 
 from export.calibrate import Kind, read_picture
 from tests.training.tools import QUICK, make_raw, noisy, picture
-from training import doctor, evaluate, infer, train
+from training import convert_image, doctor, evaluate, imageio, infer, split_exr, train
 from training.errors import ToolError
 from training.features import load
 from training.scan import scan
@@ -84,3 +84,33 @@ def test_references_of_another_place_are_no_references(work, root, capsys, fails
     code, message = fails(evaluate.main, [f"{root}/weights/rt_hdr_w16.tza=hdr", "--no_oidn",
                                           "--images", "data/test"])
     assert code == 3 and message == text
+
+
+def windows(path):
+    """The data window and the display window, left, top, right, bottom."""
+    with OpenEXR.File(str(path), header_only=True) as f:
+        return [imageio.window_of(f.parts[0].header, f"{name}Window")
+                for name in ("data", "display")]
+
+
+def test_results_and_split_layers_lie_where_their_inputs_do(work):
+    """They began at 0,0, with a frame of their own size, so that no compositor, and no reference of
+    the same crop, could take them."""
+    make_raw(work / "data" / "train", 2)
+    train.main(["hdr", "--raw", "-r", "r", "-t", "train", "-e", "1", *QUICK])
+    write_group(work / "data" / "test", "a", {v: {"hdr": HERE} for v in ("4", "ref")})
+    infer.main(["-r", "r", "-F", "exr", "png", "pfm", "--save_all"])
+    want = windows("data/test/a_4.hdr.exr")
+    assert want == [(7, -3, 70, 44), (0, 0, 199, 99)]
+    for name in "a_4.r.hdr.exr", "a_4.hdr.exr", "a_ref.hdr.exr":
+        assert windows(f"infer/test/{name}") == want, name
+    convert_image.main(["data/test/a_4.hdr.exr", "c.ldr.exr"])
+    assert windows("c.ldr.exr") == want
+    parts = [part_at("hdr", picture(1)["hdr"], *HERE, "beauty"),
+             part_at("alb", picture(1)["alb"], *THERE, "albedo")]
+    OpenEXR.File(parts).write("b_4.exr")
+    split_exr.main(["b_4.exr"])
+    assert windows("b_4.hdr.exr") == want
+    assert windows("b_4.alb.exr") == [(8, -3, 71, 44), want[1]]
+    split_exr.main(["b_4.exr", "--layer", "albedo"])
+    assert windows("b_4.hdr.exr") == [(8, -3, 71, 44), want[1]]
