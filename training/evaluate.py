@@ -21,7 +21,7 @@ if __name__ == "__main__" and not __package__:  # run as a file: go on as a modu
     sys.exit(runpy.run_module("training.evaluate", run_name="__main__", alter_sys=True))
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -30,16 +30,16 @@ import torch
 from export.tza import Reader
 from training import color, errors, metrics, nets, peer
 from training.errors import DATA, DEPENDENCY, STATE, USAGE, ToolError
-from training.features import check_beside, holds, load
+from training.features import Images, add_layers, check_beside, holds, load, parse_layers
 from training.imageio import replacing
 from training.infer import Denoiser
 from training.nets import from_tensors
 from training.result import read_weights
 from training.scan import Group, Version, hold_out, list_files, list_versions, scan
 from training.settings import derive
+from training.tables import by_spp, table, verdict, write_report
 
 NAMES = ("psnr", "ssim", "flip")
-MARKS = ("<!-- scores -->", "<!-- /scores -->")
 
 
 @dataclass
@@ -79,18 +79,33 @@ def held_out_cases(folder: Path, count: int, features: list[str]) -> list[Case]:
     return [Case(v.name, v, g.target) for g in groups if g.name in held for v in g.inputs]
 
 
-def readable(cases: list[Case], features: list[str]) -> list[Case]:
-    """The cases that can be read; says which cannot, which train left out as well."""
-    found = []
-    for case in cases:
+@dataclass
+class Pictures:
+    """Reads cases, and keeps the names of those that cannot be read."""
+
+    layers: dict[str, str]
+    unread: set[str] = field(default_factory=set)
+
+    def read(self, case: Case, features: list[str],
+             is_held: bool) -> tuple[Images, Images] | None:
+        """Input and reference; None if the input lacks features, or if one cannot be read, which a
+        line says. is_held: train left that out as well, so that it does not count as unread."""
+        files, opened = _files_of(features), {}
         try:
-            if has_features(case.source, features) and has_features(case.target, ["hdr"]):
-                check_beside(case.source, load(case.source, _files_of(features)),
-                             load(case.target, ["hdr"]))
-                found.append(case)
+            if not holds(case.source, files, self.layers, opened):
+                return None
+            images = load(case.source, files, self.layers, opened)
+            opened.clear()
+            reference = load(case.target, ["hdr"], self.layers)
+            check_beside(case.source, images, reference)
         except ToolError as e:
+            if e.code != DATA:
+                raise
             print(f"left out {case.name}: {e}")
-    return found
+            if not is_held:
+                self.unread.add(case.name)
+            return None
+        return images, reference
 
 
 def parse_held_out(text: str) -> tuple[Path, int]:
@@ -172,19 +187,18 @@ def noise_of_reference(case: Case, error: float) -> float:
     return error / (target / spp + 1)
 
 
-def evaluate(case: Case, path: Path, denoiser: Denoiser | Program, binary: Path | None,
-             names: list[str], less_reference: bool = False) -> dict:
+def evaluate(case: Case, images: Images, reference: Images, path: Path,
+             denoiser: Denoiser | Program, binary: Path | None, names: list[str],
+             less_reference: bool = False) -> dict:
     """Scores of one case: by method and metric, and the agreement with OIDN running our weights.
 
     less_reference: PSNR as a reference without noise would give it."""
     main, *others = denoiser.features
-    images, reference = load(case.source, ["hdr", *others]), load(case.target, ["hdr"])
-    check_beside(case.source, images, reference)
-    noisy, target = images.pop("hdr"), reference["hdr"]
+    noisy, target = images["hdr"], reference["hdr"]
     exposure = color.autoexposure(target)
     if main == "ldr":
         noisy, target = (np.clip(image * exposure, 0, 1) for image in (noisy, target))
-    images = {main: noisy, **images}
+    images = {main: noisy, **{f: images[f] for f in others}}
     shown = metrics.to_display(target, main, exposure)
     outputs = {"noisy": noisy, "lull": denoiser.run(images)}
     row: dict = {"case": case.name, "spp": case.source.spp}
@@ -204,72 +218,14 @@ def evaluate(case: Case, path: Path, denoiser: Denoiser | Program, binary: Path 
     return row
 
 
-def table(rows: list[dict], pictures: list[dict]) -> list[str]:
-    """Markdown: one line per row, then the means over all pictures."""
-    oidn = all("oidn" in r for r in rows)
-    methods = ["noisy", "lull"] + (["oidn"] if oidn else [])
-    metric = list(rows[0]["lull"])
-    titles = {"noisy": "noisy", "lull": "lull", "oidn": "OIDN 2.5.1"}
-    head = [f"{n.upper()} {titles[m]}" for n in metric for m in methods]
-    lines = ["| picture | " + " | ".join(head) + " |", "|---|" + "---:|" * len(head)]
-    mean = {"case": f"**mean of {len(pictures)}**"} | {
-        m: {n: float(np.mean([r[m][n] for r in pictures])) for n in metric} for m in methods}
-    for r in [*rows, mean]:
-        cells = [f"{r[m][n]:.2f}" if n == "psnr" else f"{r[m][n]:.4f}"
-                 for n in metric for m in methods]
-        lines.append(f"| {r['case']} | " + " | ".join(cells) + " |")
-    return lines
-
-
-def verdict(rows: list[dict]) -> str:
-    """How many cases improve, in words."""
-    names = [n for n in rows[0]["lull"] if n in ("psnr", "ssim")]
-    worse = [r["case"] for r in rows if any(r["lull"][n] <= r["noisy"][n] for n in names)]
-    better = len(rows) - len(worse)
-    text = f"{better} of {len(rows)} pictures are better than their input"
-    text += f" in {' and '.join(names).upper().replace('AND', 'and')}" if names else ""
-    text += f" (not: {', '.join(worse)})." if worse else "."
-    far = [r["case"] for r in rows if "agreement" in r
-           and (r["agreement"][0] > 0.003 or r["agreement"][1])]
-    if "agreement" in rows[0]:
-        mean = float(np.mean([r["agreement"][0] for r in rows]))
-        text += f" OIDN 2.5.1 running the same weights differs by {mean:.1e} on average" \
-                f" ({len(far)} pictures beyond its tolerance of 3e-3)."
-    return text
-
-
-def check_gain(title: str, rows: list[dict], least: float | None) -> None:
-    """Says what the mean PSNR gains; ToolError if that is less than wanted."""
+def poor_gain(title: str, rows: list[dict], least: float | None) -> list[str]:
+    """Says what the mean PSNR gains; what is to be said at the end if that is less than wanted."""
     if "psnr" not in rows[0]["lull"]:
-        return
+        return []
     gain = float(np.mean([r["lull"]["psnr"] - r["noisy"]["psnr"] for r in rows]))
     print(f"{title}: {gain:+.2f} dB on average")
-    if least is not None and gain < least:
-        raise ToolError(f"{title}: {gain:.2f} dB gained, {least:g} wanted", STATE)
-
-
-def by_spp(rows: list[dict]) -> list[dict]:
-    """Means per sample count, as rows."""
-    merged = []
-    for spp in sorted({r["spp"] or 0 for r in rows}):  # names may have none
-        part = [r for r in rows if (r["spp"] or 0) == spp]
-        row = {"case": f"{spp or '?'} spp ({len(part)})"}
-        for m in ("noisy", "lull", "oidn"):
-            if all(m in r for r in part):
-                row[m] = {n: float(np.mean([r[m][n] for r in part])) for n in part[0][m]}
-        merged.append(row)
-    return merged
-
-
-def write_report(path: Path, text: str) -> None:
-    """Replace what stands between the marks; a new file gets them."""
-    old = path.read_text() if path.exists() else "\n".join(MARKS) + "\n"
-    if not all(m in old for m in MARKS):
-        raise ToolError(f"{path}: has no marks {MARKS[0]} and {MARKS[1]}", DATA)
-    before, _, rest = old.partition(MARKS[0])
-    after = rest.partition(MARKS[1])[2]
-    with replacing(path) as tmp:
-        tmp.write_text(f"{before}{MARKS[0]}\n{text}\n{MARKS[1]}{after}")
+    return [] if least is None or gain >= least else [
+        f"{title}: {gain:.2f} dB gained, {least:g} wanted"]
 
 
 def main(argv: list[str]) -> None:
@@ -287,6 +243,7 @@ def main(argv: list[str]) -> None:
                              "own: for inputs of nearly as many samples")
     parser.add_argument("--least_gain", type=float, metavar="DB",
                         help="status 4 if the mean PSNR of a set gains less than this")
+    add_layers(parser)
     parser.add_argument("--no_oidn", action="store_true", help="do not run the real OIDN")
     args = parser.parse_args(argv)
     if not args.images and not args.held_out:
@@ -295,26 +252,28 @@ def main(argv: list[str]) -> None:
     held_out = [parse_held_out(text) for text in args.held_out]
     if args.less_reference and "psnr" not in args.metric:
         raise ToolError("--less_reference: is about psnr, which --metric leaves out", USAGE)
+    pictures = Pictures(parse_layers(args.layers))
     models = [(path, features, load_denoiser(path, features)) for path, features in models]
     torch.set_num_threads(1)
     binary = None if args.no_oidn else peer.find_binary()
     print(f"OIDN: {'oidnDenoise of pyoidn' if binary else 'not run'}")
-    images = [(Path(d).name, find_cases(Path(d))) for d in args.images]
-    lines, figures = [], []
+    images = [(Path(d).name, find_cases(Path(d)), False) for d in args.images]
+    lines, figures, failures = [], [], []
     for path, features, denoiser in models:
         if binary and not peer.takes(features):
             print(f"{path.stem}: OIDN takes normals beside an albedo only, and is left out")
         trained = trained_features(path, features) if held_out else features
         sets = images + [(f"held out of {folder.name}",
-                          readable(held_out_cases(folder, count, trained), features))
+                          held_out_cases(folder, count, trained), True)
                          for folder, count in held_out]
         lines += [f"### {path.stem}", ""]
         before = len(figures)
-        for title, cases in sets:
+        for title, cases, is_held in sets:
             rows = []
-            for case in (c for c in cases if has_features(c.source, features)
-                         and (not args.spp or c.source.spp in args.spp)):
-                rows.append(evaluate(case, path, denoiser,
+            for case in (c for c in cases if not args.spp or c.source.spp in args.spp):
+                if (found := pictures.read(case, features, is_held)) is None:
+                    continue
+                rows.append(evaluate(case, *found, path, denoiser,
                                      binary if peer.takes(features) else None, list(args.metric),
                                      args.less_reference))
                 r = rows[-1]
@@ -324,13 +283,11 @@ def main(argv: list[str]) -> None:
             if not rows:
                 continue
             print(verdict(rows))
-            check_gain(title, rows, args.least_gain)
-            short = by_spp(rows) if title.startswith("held out") else rows
-            lines += [f"**{title}** ({len(rows)} pictures)", "", *table(short, rows), "",
-                      verdict(rows)]
-            lines += [""]
+            failures += poor_gain(title, rows, args.least_gain)
+            lines += [f"**{title}** ({len(rows)} pictures)", "",
+                      *table(by_spp(rows) if is_held else rows, rows), "", verdict(rows), ""]
             figures += [{"weights": path.name, "set": title, **r} for r in rows]
-        if len(figures) == before:
+        if len(figures) == before and not pictures.unread:
             raise ToolError(f"{path}: no picture has {','.join(_files_of(features))}", DATA)
     try:
         if args.report:
@@ -339,6 +296,10 @@ def main(argv: list[str]) -> None:
         if args.json:
             with replacing(args.json) as tmp:
                 tmp.write_text(json.dumps(figures, indent=1) + "\n")
+    if pictures.unread:
+        raise ToolError(f"pictures left out that cannot be read: {len(pictures.unread)}", DATA)
+    if failures:
+        raise ToolError("; ".join(failures), STATE)
 
 
 if __name__ == "__main__":

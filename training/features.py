@@ -4,17 +4,18 @@ After `load`: hdr >= 0; ldr, alb in [0,1]; nrm, sh1 in [-1,1]; z >= 0; all finit
 """
 from __future__ import annotations
 
-from collections.abc import Mapping
+import argparse
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from training import color
-from training.errors import DATA, ToolError
+from training.errors import DATA, USAGE, ToolError
 from training.exr_channels import Channels, Origin
 from training.imageio import read_exr_channels, read_image, read_placed, stack
 from training.layers import find_channels, find_images
-from training.scan import CHANNELS, MAIN_FEATURES, Version
+from training.scan import ALIASES, CHANNELS, FEATURES, MAIN_FEATURES, Version
 
 FLT_MAX = float(np.finfo(np.float32).max)
 SIGNED = ("nrm", "sh1")
@@ -163,6 +164,32 @@ def encode(images: dict[str, np.ndarray], main: str, transfer: str,
             image = color.log_forward(image)
         parts.append(image)
     return np.concatenate(parts, -1).astype(np.float32)
+
+
+def short_names(names: Sequence[str]) -> list[str]:
+    """Features by their short names, without repeats, in the order in which networks get them."""
+    short = [ALIASES.get(n.lower(), n.lower()) for n in names]
+    wrong = [n for n in short if n not in FEATURES]
+    if wrong:
+        raise ToolError(f"unknown feature '{wrong[0]}' (known: {' '.join(FEATURES)})", USAGE)
+    return [f for f in FEATURES if f in short]
+
+
+def parse_layers(rows: Sequence[str]) -> dict[str, str]:
+    """The rows feature=prefix of --layers."""
+    layers = {}
+    for row in rows:
+        feature, equals, prefix = row.partition("=")
+        if not equals:
+            raise ToolError(f"--layers {row}: not feature=prefix", USAGE)
+        layers[short_names([feature])[0]] = prefix
+    return layers
+
+
+def add_layers(parser: argparse.ArgumentParser) -> None:
+    """The option of parsers of their own, for parse_layers."""
+    parser.add_argument("--layers", nargs="*", default=[], metavar="FEATURE=PREFIX",
+                        help="layers of multichannel EXR files")
 
 
 def main_feature(features: list[str]) -> str:

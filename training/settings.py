@@ -17,12 +17,12 @@ from pathlib import Path
 from typing import Any
 
 from training.errors import DATA, USAGE, Parser, ToolError
-from training.features import main_feature
+from training.features import main_feature, parse_layers, short_names
 from training.kernel_model import FEATURES as KERNEL_FEATURES
 from training.loss import RT_WEIGHTS
 from training.options import (BY_FAMILY, KERNEL_LR, LR_PER_SAMPLE, LR_PER_SAMPLE_DEFAULT,
                               MODEL_BY_NET, MODEL_BY_QUALITY, OPTIONS, POSITIONAL, SCRIPTS, Option)
-from training.scan import ALIASES, CHANNELS, FEATURES
+from training.scan import CHANNELS
 
 
 # What config.json of a result says beyond the options: what followed from them, or from the data.
@@ -136,15 +136,6 @@ def unique_id() -> str:
     return f"{int(time.time()):08x}.{socket.gethostname()}.{os.getpid()}"
 
 
-def _features(names: list[str]) -> list[str]:
-    """Short names, without repeats, in the order in which networks get them."""
-    short = [ALIASES.get(n.lower(), n.lower()) for n in names]
-    wrong = [n for n in short if n not in FEATURES]
-    if wrong:
-        raise ToolError(f"unknown feature '{wrong[0]}' (known: {' '.join(FEATURES)})", USAGE)
-    return [f for f in FEATURES if f in short]
-
-
 def seconds(text: str) -> float:
     """'90', '90s', '30m', '2h' or '1d' in seconds."""
     match = re.fullmatch(r"(\d+(?:\.\d*)?)\s*([smhd]?)", str(text).strip())
@@ -160,27 +151,17 @@ def _shard(text: str) -> tuple[int, int]:
     return int(match[1]), int(match[2])
 
 
-def _layers(rows: list[str]) -> dict[str, str]:
-    layers = {}
-    for row in rows:
-        feature, equals, prefix = row.partition("=")
-        if not equals:
-            raise ToolError(f"--layers {row}: not feature=prefix", USAGE)
-        layers[_features([feature])[0]] = prefix
-    return layers
-
-
 def derive(script: str, v: dict[str, Any]) -> dict[str, Any]:
     """Fill in what follows from other options, and refuse what cannot be."""
     for key in ("train_data", "valid_data", "input_data", "result"):
         if v.get(key):  # files are called after them: no slash at the end, as shells add it
             v[key] = Path(v[key]).as_posix()
     if "features" in v:
-        v["features"] = _features(v["features"])
+        v["features"] = short_names(v["features"])
         v["main_feature"] = main_feature(v["features"])
         v["aux_features"] = [f for f in v["features"] if f != v["main_feature"]]
     if "layers" in v:
-        v["layers"] = _layers(v["layers"])
+        v["layers"] = parse_layers(v["layers"])
     if v.get("shard"):
         v["shard"] = _shard(v["shard"])
     if v.get("time_budget") is not None:

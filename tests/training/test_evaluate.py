@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from export.tza import write_weights
-from tests.training.tools import QUICK, make_raw, picture, write_features
+from tests.training.tools import QUICK, make_raw, noisy, picture, write_features
 from training import color, evaluate, nets, preprocess, train
 from training.errors import ToolError
 from training.features import load
@@ -73,7 +73,8 @@ def test_clipped_inputs_are_made_of_hdr_pictures(raw, root):
             seen.update(images)
             return np.clip(target * exposure, 0, 1)
 
-    row = evaluate.evaluate(case, Path("any.tza"), Network(), None, ["psnr", "mse"])
+    pictures = load(case.source, ["hdr", "alb"]), load(case.target, ["hdr"])
+    row = evaluate.evaluate(case, *pictures, Path("any.tza"), Network(), None, ["psnr", "mse"])
     assert sorted(seen) == ["alb", "ldr"]
     assert np.array_equal(seen["ldr"], np.clip(source * exposure, 0, 1))
     assert row["lull"]["mse"] == 0 and row["noisy"]["psnr"] < 40
@@ -239,3 +240,52 @@ def test_means_with_a_black_picture_are_numbers(work, root, capsys, fails):
     code, message = fails(evaluate.main, [model, "--images", str(work / "set"), "--no_oidn",
                                           "--metric", "psnr", "--least_gain", "99"])
     assert code == 4 and "dB gained, 99 wanted" in message
+
+
+def test_pictures_that_cannot_be_read_are_named_and_left_out(work, fails, capsys):
+    """The first one ended the measurement, and all figures were lost."""
+    make_raw(work / "d", 3, spp=(4,))
+    (work / "d/scene0/view0_0004spp.hdr.exr").write_bytes(b"broken")
+    write_features(work / "d/scene1", "view1_0004spp", {"hdr": picture(1)["hdr"][:-2]})
+    weights("a.tza", ["hdr"])
+    weights("b.tza", ["hdr"])
+    code, message = fails(evaluate.main, ["a.tza=hdr", "b.tza=hdr", "--images", "d", "--no_oidn",
+                                          "--metric", "psnr", "--json", "x.json"])
+    assert code == 3 and message == "pictures left out that cannot be read: 2"
+    out = capsys.readouterr().out
+    assert "left out scene0/view0_0004spp: " in out
+    assert "left out scene1/view1_0004spp: scene1/view1_0004spp: 64x46 pixels, its reference" in out
+    rows = json.loads(Path("x.json").read_text())
+    assert [r["weights"] for r in rows] == ["a.tza", "b.tza"]
+    assert {r["case"] for r in rows} == {"scene2/view2_0004spp"}
+
+
+def test_figures_are_kept_where_a_gain_is_too_small(work, fails):
+    make_raw(work / "d", 2, spp=(4,))
+    weights("a.tza", ["hdr"])
+    weights("b.tza", ["hdr"])
+    code, message = fails(evaluate.main, [
+        "a.tza=hdr", "b.tza=hdr", "--images", "d", "--no_oidn", "--metric", "psnr", "--json",
+        "x.json", "--report", "x.md", "--least_gain", "99"])
+    assert code == 4 and message.count("dB gained, 99 wanted") == 2
+    assert len(json.loads(Path("x.json").read_text())) == 4 and Path("x.md").exists()
+
+
+def test_layers_of_other_names_are_measured(work, fails):
+    """As train --layers takes them, held out or not; each file is read once."""
+    for g in range(2):
+        for spp, images in ("4", noisy(picture(g), 4, g)), ("ref", picture(g)):
+            (work / "d").mkdir(exist_ok=True)
+            names = [(f"{f}.{c}", image[..., i]) for f, image in
+                     (("mine", images["hdr"]), ("colour", images["alb"])) for i, c in
+                     enumerate("RGB")]
+            write_exr(work / "d" / f"p{g}_{spp}.exr", np.stack([i for _, i in names], -1),
+                      tuple(n for n, _ in names))
+    weights("a.tza", ["hdr", "alb"])
+    args = ["a.tza=hdr,alb", "--images", "d"]
+    assert fails(evaluate.main, [*args, "--no_oidn"])[0] == 3
+    layers = ["--layers", "hdr=mine", "albedo=colour"]
+    rows = scored(work, "x.json", *args, *layers)
+    assert [r["case"] for r in rows] == ["p0_4", "p1_4"]
+    held = scored(work, "y.json", "a.tza=hdr,alb", "--held_out", "d:1", *layers)
+    assert held[0]["noisy"] == rows[1]["noisy"]
