@@ -8,7 +8,6 @@ with them to the bit.
 """
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -19,6 +18,7 @@ from export.bounds import Bound, pair_groups, word_groups
 from export.quantize_kernel import tensors_of
 from export.reference import NARROW_MAX, IntLayer
 from export.tza import Writer
+from training import errors
 
 WIDTHS = (5, 4, 6, 4, 8, 7, 8, 8, 9, 8, 8, 6, 6, 4)  # those that heads read are even
 WORDS = ("0a", "1b", "2a", "4b", "dec2", "dec0", "head1")  # layers whose sums fit words
@@ -75,7 +75,14 @@ def pictures(seed: int) -> dict[str, np.ndarray]:
             "normal": (rng.random((HEIGHT, WIDTH, 3), np.float32) * 2 - 1).astype(np.float32)}
 
 
-def main(folder: Path) -> None:
+def main(argv: list[str]) -> None:
+    parser = errors.Parser("python -m export.golden_kernel", description=__doc__)
+    parser.add_argument("folder", type=Path, nargs="?", default=Path("tests/golden/kernel"))
+    write(parser.parse_args(argv).folder)
+
+
+def write(folder: Path) -> None:
+    """Model, picture and results into a folder."""
     folder.mkdir(parents=True, exist_ok=True)
     images = pictures(2)
     for name, image in images.items():
@@ -91,4 +98,4 @@ def main(folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1] if len(sys.argv) > 1 else "tests/golden/kernel"))
+    errors.run(main)
