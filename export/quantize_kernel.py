@@ -22,6 +22,8 @@ from export.quantizer import SCALE_MAX, Options, Quantizer
 from export.reference import NARROW_MAX
 from export.tza import Reader
 from training import errors
+from training.features import add_layers, load, parse_layers
+from training.scan import scan
 
 
 # Most layers lose far less in words (docs/quantisation.md). Some of the coarsest levels, where a
@@ -109,18 +111,25 @@ def varied(images: dict[str, np.ndarray], i: int,
     return frame, "hdr"
 
 
-def calibration_set(folder: Path, count: int, all_features: bool = False) -> list[np.ndarray]:
-    """Inputs from `count` groups of a data set, evenly spread, as of `varied`."""
-    from training.features import load
-    from training.scan import scan
+def calibration_set(folder: Path, count: int, all_features: bool = False,
+                    layers: dict[str, str] | None = None) -> list[np.ndarray]:
+    """Inputs from `count` groups of a data set, evenly spread, as of `varied`; those that cannot be
+    read are named and left out. layers: those of multichannel files, by feature."""
     groups = sorted(scan(folder, ["hdr", "alb", "nrm"]).groups, key=lambda g: g.name)
     if not groups:
         raise errors.ToolError(f"{folder}: no group with hdr alb nrm and a reference", errors.DATA)
     inputs = []
     for i, group in enumerate(groups[::max(len(groups) // count, 1)][:count]):
-        images = load(group.inputs[i % len(group.inputs)], ["hdr", "alb", "nrm"])
+        version = group.inputs[i % len(group.inputs)]
+        try:
+            images = load(version, ["hdr", "alb", "nrm"], layers)
+        except errors.ToolError as e:
+            print(f"left out {version.name}: {e}")
+            continue
         frame = {"color": images["hdr"], "albedo": images["alb"], "normal": images["nrm"]}
         inputs.append(middle(calibration_input(*varied(frame, i, all_features))))
+    if not inputs:
+        raise errors.ToolError(f"{folder}: no picture can be read", errors.DATA)
     return inputs
 
 
@@ -144,7 +153,7 @@ def quantized(args: argparse.Namespace) -> kernel.IntTrunk:
     """The integer model that the arguments ask for."""
     tensors, options = read_tensors(args.input), replace(OPTIONS, words=args.words)
     model = kernel.FloatTrunk(kernel.find_trunk(tensors, str(args.input)), tensors)
-    inputs = calibration_set(args.data, args.count, args.all_features)
+    inputs = calibration_set(args.data, args.count, args.all_features, parse_layers(args.layers))
     made = KernelQuantizer(model, inputs, options).run()
     made.bilateral = kernel.bilateral_of(tensors, str(args.input))
     return made
@@ -159,6 +168,7 @@ def main(argv: list[str]) -> None:
     parser.add_argument("--count", type=int, default=12, help="how many of its groups (12)")
     parser.add_argument("--all_features", action="store_true",
                         help="leave none of the features out: for models trained so")
+    add_layers(parser)
     parser.add_argument("--words", type=float, default=OPTIONS.words, metavar="E", help="squared "
                         "error of codes, in that of their own rounding, that a layer may have more "
                         "for sums in words (%(default)g; 0: no such sums)")
@@ -167,6 +177,7 @@ def main(argv: list[str]) -> None:
         raise errors.ToolError(f"--count {args.count}: not positive", errors.USAGE)
     with errors.reading(args.input):
         write_tensors(args.output, tensors_of(quantized(args)))
+    print(f"Saved: {args.output}")
 
 
 if __name__ == "__main__":

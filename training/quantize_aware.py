@@ -35,6 +35,7 @@ from export.reference import IntLayer, IntModel, Part, check_layer
 from training import errors
 from training.data import Augment, Batches, from_raw
 from training.errors import DATA, STATE, USAGE, ToolError
+from training.features import add_layers, parse_layers
 from training.kernel_filter import Clamp
 from training.loss import LOSSES, Loss, make_loss
 from training.scan import scan
@@ -281,6 +282,7 @@ def main(argv: list[str]) -> None:
     add("-b", "--batch_size", type=int, default=8)
     add("--tile_size", "--ts", type=int, default=64)
     add("--seed", type=int, default=1)
+    add_layers(parser)
     add_kind(parser)
     args = parser.parse_args(argv)
     if args.content not in TRANSFERS or args.steps < 1 or args.rate <= 0:
@@ -291,7 +293,8 @@ def main(argv: list[str]) -> None:
     features = [main_feature, "alb", "nrm"][:model.inputs // 3]
     found = scan(args.data_dir / args.train_data, features)
     transfer = "linear" if main_feature == "nrm" else TRANSFERS[args.content]
-    pictures = from_raw(found, features, main_feature, transfer, log=print)
+    pictures = from_raw(found, features, main_feature, transfer, layers=parse_layers(args.layers),
+                        log=print)
     if not pictures:
         raise ToolError(f"{found.root}: no pictures to train on", DATA)
     torch.manual_seed(args.seed)
