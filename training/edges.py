@@ -5,10 +5,10 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from export.calm import LEAST_DETAIL, SIDE
+from export.calm import LEAST_DETAIL
 from export.edges import (CONTRAST, EDGE_EPS, EVENNESS, FEW, FLAT, LINES, SHARE, SHARP, STEP, TINY,
                           WILD, WILD_DETAIL)
-from training.calm import cells_of, details_of, share_of
+from training.calm import cells_of, share_of
 
 
 def ramp(v: Tensor, of: tuple[float, float]) -> Tensor:
@@ -17,12 +17,10 @@ def ramp(v: Tensor, of: tuple[float, float]) -> Tensor:
 
 
 @torch.no_grad()
-def ragged(radiance: Tensor, albedo: Tensor, has_albedo: Tensor) -> Tensor:
-    """How ragged edges are, [N,1,1,1], as export.edges.ragged: of exposed radiance and albedo
-    [N,3,H,W], 0 where has_albedo [N,1,1,1] is."""
-    if min(radiance.shape[-2:]) <= SIDE:
-        return torch.zeros_like(has_albedo)
-    detail, base = details_of(radiance)
+def ragged(details: tuple[Tensor, Tensor], albedo: Tensor, has_albedo: Tensor) -> Tensor:
+    """How ragged edges are, [N,1,1,1], as export.edges.ragged: of the `details_of` exposed radiance
+    and albedo [N,3,H,W], 0 where has_albedo [N,1,1,1] is."""
+    detail, base = details
     counts = detail >= base * float(LEAST_DETAIL)
     wild = share_of(counts & (detail >= base * float(WILD_DETAIL)), counts)
     cells = cells_of(albedo)

@@ -22,8 +22,8 @@ from export.smooth import (ABOVE, BALANCE_EPS, BESIDE, CALM, CALM_ALONE, CALM_SP
                            SHARE_PER_CODE, SHARE_PER_CODE_ALONE, SPARK, SPARKS_LEAST,
                            SPARKS_SQUARED, SPARK_CODES, WIDTH_MIN, WIDTH_PER_CODE)
 from training import fused, regression
-from training.calm import calm_share
-from training.cells import between, cell_means
+from training.calm import calm_share, details_of
+from training.cells import BAND, between, cell_means
 from training.edges import averaged, ragged, ramp
 
 SIDE, RADIUS, TAPS = 5, 2, 25
@@ -180,9 +180,10 @@ def smooth_result(out: Tensor, smooth: Tensor, noise: Tensor, radiance: Tensor, 
     if steps.corrects:  # but not what is clipped
         v = torch.where(codes[:, 11:12] > 0, v, corrected(v, smooth, noise, radiance))
     is_alone = codes[:, 9:11, :1, :1].amax(1, keepdim=True) == 0
-    raggedness = ragged(radiance, codes[:, 3:6] / 255.0, codes[:, 9:10, :1, :1])
+    details = details_of(radiance)
+    raggedness = ragged(details, codes[:, 3:6] / 255.0, codes[:, 9:10, :1, :1])
     v = averaged(v * smooth, raggedness.to(v.dtype))
-    return mixed(v, noise, radiance, is_alone, calm_share(radiance))
+    return mixed(v, noise, radiance, is_alone, calm_share(details))
 
 
 def moved(v: Tensor, offsets: Sequence[tuple[int, int]]) -> list[Tensor]:
@@ -309,15 +310,22 @@ def weighted_sums(q: Tensor, v: Tensor, whole: bool) -> Tensor:
     """kernel_filter by a head's 25 channels q [N,25,H,W]."""
     if on_gpu(v):
         return gpu_kernels().WeightedSums.apply(q, v, whole)
-    return kernel_filter(logits_of(q.to(v.dtype), whole), v)
+    around = F.pad(v, [RADIUS] * 4)
+    rows = q.shape[-2] if torch.is_grad_enabled() else BAND
+    return torch.cat([kernel_filter(
+        logits_of(q[..., y:y + rows, :].to(v.dtype), whole),
+        around[..., y:y + rows + 2 * RADIUS, :]) for y in range(0, q.shape[-2], rows)], -2)
 
 
-def kernel_filter(logits: Tensor, v: Tensor) -> Tensor:
-    """out[c](p) = sum over the 5x5 taps k, row by row, of exp(logits[k](p)) * v[c](p + k), zeros
-    outside; logits [N,25,H,W] (at most about 60), v [N,C,H,W]."""
-    n, c, h, w = v.shape
-    taps = F.unfold(v, SIDE, padding=RADIUS).view(n, c, TAPS, h, w)
-    return (logits.exp().unsqueeze(1) * taps).sum(2)
+def kernel_filter(logits: Tensor, around: Tensor) -> Tensor:
+    """out[c](p) = sum over the 5x5 taps k, row by row, of exp(logits[k](p)) * v[c](p + k); logits
+    [N,25,H,W] (at most about 60), around: v with RADIUS pixels more on each side."""
+    n, _, h, w = logits.shape
+    out = around.new_zeros(n, around.shape[1], h, w)
+    for k, weight in enumerate(logits.exp().split(1, 1)):
+        y, x = divmod(k, SIDE)
+        out = out.addcmul(weight, around[..., y:y + h, x:x + w])
+    return out
 
 
 def upsample(x: Tensor) -> Tensor:

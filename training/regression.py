@@ -7,7 +7,7 @@ from torch import Tensor
 
 from export.regression import (CHANNELS, EPS, FEATURES, MOST, MOST_REST, RIDGE, RIDGE_OF_NOISE,
                                SIDE)
-from training.cells import between, cell_means
+from training.cells import between, means_in_bands
 
 
 def features_of(normal: Tensor, smooth: Tensor) -> Tensor:
@@ -66,9 +66,9 @@ def coefficients(sums: Tensor) -> Tensor:
 
 def regressed(out: Tensor, smooth: Tensor, features: Tensor, radiance: Tensor) -> Tensor:
     """export.regression.regressed of tensors [N,C,H,W]."""
-    sums = windows(cell_means(products(out, smooth, features, radiance), SIDE))
-    k = between(coefficients(sums), out.shape, SIDE)
-    *slopes, share = k.split(CHANNELS, 1)
+    sums = windows(means_in_bands(products, SIDE, out, smooth, features, radiance))
+    *slopes, share = coefficients(sums).split(CHANNELS, 1)
+    share = between(share, out.shape, SIDE)
     for f, slope in zip(features.split(1, 1), slopes, strict=True):
-        share = share + f * slope
+        share = share + f * between(slope, out.shape, SIDE)
     return out + out * share.clamp(-float(MOST), float(MOST))

@@ -7,7 +7,7 @@ import torch
 
 from export import calm
 from tests.training.test_kernel import tensor
-from training.calm import calm_share
+from training.calm import calm_share, details_of
 
 
 def picture(height: int, width: int, noise: float, part: float = 1.0) -> np.ndarray:
@@ -43,7 +43,7 @@ def test_texture_in_some_places_leaves_a_frame_calm():
 @pytest.mark.parametrize("size", [(4, 80), (80, 4), (1, 1)])
 def test_frames_too_small_for_a_cell_are_not_calm(size):
     image = picture(*size, 0.01)
-    assert calm.calm_share(image) == 0 and calm_share(tensor(image)).item() == 0
+    assert calm.calm_share(image) == 0 and calm_share(details_of(tensor(image))).item() == 0
 
 
 @pytest.mark.parametrize("size", [(5, 5), (37, 45), (144, 144), (300, 401)])
@@ -51,7 +51,7 @@ def test_frames_too_small_for_a_cell_are_not_calm(size):
 def test_torch_equals_the_reference(size, noise):
     """Tile by tile, but for cells at the limit."""
     images = [picture(*size, noise), picture(*size, noise, 0.3), np.full((*size, 3), 0.4)]
-    got = calm_share(torch.cat([tensor(v.astype(np.float32)) for v in images]))
+    got = calm_share(details_of(torch.cat([tensor(v.astype(np.float32)) for v in images])))
     expected = [calm.calm_share(v.astype(np.float32)) for v in images]
     assert got.shape == (3, 1, 1, 1)
     np.testing.assert_allclose(got.ravel().numpy(), expected, atol=0.002)

@@ -7,6 +7,7 @@ import torch
 
 from export import edges
 from tests.training.test_kernel import picture, tensor
+from training.calm import details_of
 from training.edges import averaged, ragged
 
 RAGGED = np.array([0.2, 0.5, 1], np.float32)
@@ -104,11 +105,11 @@ def test_raggedness_of_torch_equals_the_reference():
     has_albedo = torch.ones(len(frames), 1, 1, 1)
     expected = [edges.ragged(*v) for v in frames]
     assert len(set(expected)) > 3
-    got = ragged(radiance, albedo, has_albedo)
+    got = ragged(details_of(radiance), albedo, has_albedo)
     assert got.shape == has_albedo.shape
     np.testing.assert_allclose(got.ravel(), expected, atol=0.01)
-    assert not ragged(radiance, albedo, 0 * has_albedo).any()
-    assert not ragged(radiance[..., :4], albedo[..., :4], has_albedo).any()
+    assert not ragged(details_of(radiance), albedo, 0 * has_albedo).any()
+    assert not ragged(details_of(radiance[..., :4]), albedo[..., :4], has_albedo).any()
 
 
 def test_gradients_pass():
