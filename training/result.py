@@ -5,23 +5,31 @@
                    checkpoints/best.pth             best validation so far
                    checkpoints/latest               ASCII epoch of the newest checkpoint
                    log/                             TensorBoard
+                   lock                             while a training writes to it
 Checkpoints hold epoch, step, model_state, optimizer_state (these are theirs too), ema_state,
 elapsed and best, and `ending`: whether the validation after these steps is still to be made. With
 the settings they decide everything that follows.
 """
 from __future__ import annotations
 
+import errno
 import json
+from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import torch
 
 from training import nets
-from training.errors import STATE, ToolError
+from training.errors import OUTPUT, STATE, ToolError
 from training.features import main_feature
 from training.imageio import replacing
 from training.settings import Settings, input_channels, output_channels
+
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None
 
 
 class Result:
@@ -32,6 +40,7 @@ class Result:
         self.name = name
         self.folder = Path(results_dir) / name
         self.checkpoints = self.folder / "checkpoints"
+        self.lock: IO | None = None
 
     def exists(self) -> bool:
         """True if there is something to resume: a failed start without checkpoints is not."""
@@ -58,6 +67,30 @@ class Result:
     def save_config(self, settings: Settings) -> None:
         with replacing(self.folder / "config.json") as tmp:
             tmp.write_text(json.dumps(settings.to_dict(), indent=2) + "\n")
+
+    def claim(self) -> None:
+        """ToolError if another process has claimed the result: checkpoints of both would be mixed.
+        It ends with the process, or with `release`."""
+        path = self.folder / "lock"
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self.lock = open(path, "w")
+            if fcntl:
+                fcntl.lockf(self.lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as e:
+            if e.errno in (errno.EACCES, errno.EAGAIN) and self.lock:
+                self.lock = None
+                raise ToolError(f"result '{self.name}': another training writes to {self.folder}",
+                                STATE) from e
+            if e.errno not in (errno.ENOLCK, errno.ENOTSUP):  # file systems without locks
+                raise ToolError(f"{path}: cannot write ({e.strerror})", OUTPUT) from e
+
+    def release(self) -> None:
+        if self.lock:
+            with suppress(OSError):
+                (self.folder / "lock").unlink()
+            self.lock.close()
+            self.lock = None
 
     def save(self, epoch: int, state: dict[str, Any]) -> None:
         save_state(self.checkpoints / f"checkpoint_{epoch}.pth", {"epoch": epoch, **state})

@@ -72,10 +72,18 @@ def flushed_denormals() -> Iterator[None]:
 @flushed_denormals()
 def worker(settings: Settings, team: parallel.Team) -> None:
     """One process of a training; `team` knows its rank, its device and how to average."""
+    result = Result(settings.results_dir, settings.result)
+    try:
+        run_training(settings, team, result)
+    finally:
+        result.release()
+
+
+def run_training(settings: Settings, team: parallel.Team, result: Result) -> None:
+    """As worker; the first process claims the result."""
     say = print if team.rank == 0 else (lambda *a, **k: None)
     say(f"PyTorch: {torch.__version__}")
     say(f"Device: {team.device} x {team.world}")
-    result = Result(settings.results_dir, settings.result)
     resuming = result.exists()
     if team.same(resuming) != resuming:
         raise ToolError(f"{result.folder}: not what the first process finds there; --results_dir "
@@ -134,8 +142,10 @@ def worker(settings: Settings, team: parallel.Team) -> None:
         say(f"Result: {result.name}")
     say(f"Training images: {len(batches.pairs)}")
     say(f"Validation images: {sum(len(p.inputs) for p in valid)}\n")
-    if team.rank == 0 and not (resuming and plan.over(step)):
-        result.save_config(settings)
+    if team.rank == 0:
+        result.claim()
+        if not (resuming and plan.over(step)):
+            result.save_config(settings)
 
     def snapshot() -> dict:
         names = [k for k, _ in model.named_parameters()]

@@ -176,3 +176,26 @@ def test_all_processes_end_and_have_saved(raw, work, more, number, all_of_them):
         for _ in range(100):
             os.killpg(process.pid, 0)
             time.sleep(0.1)
+
+
+def test_a_result_is_written_by_one_training(work, raw, root, fails):
+    """Of two with one name each wrote checkpoints over the other's, and resuming took a mixture."""
+    args = [*RAW, "-D", str(raw), "-r", "same", "-s", "3", "--num_save_epochs", "1"]
+    train.main([*args, "-e", "1"])
+    before = Path("results/same/config.json").read_bytes()
+    first = subprocess.Popen([sys.executable, root / "training/train.py", *args, "-e", "100000"],
+                             stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    try:
+        while "2/100000" not in (line := first.stdout.readline()):
+            assert line, "it has ended"
+        config = Path("results/same/config.json").read_bytes()
+        code, message = fails(train.main, [*args, "-e", "2"])
+        assert code == 4 and "'same': another training writes to results" in message
+        assert Path("results/same/config.json").read_bytes() == config != before
+    finally:
+        first.kill()
+        first.wait()
+    done = int(Path("results/same/checkpoints/latest").read_text())
+    train.main([*args, "-e", str(done + 1)])
+    assert Path(f"results/same/checkpoints/checkpoint_{done + 1}.pth").exists()
+    assert not Path("results/same/lock").exists()
