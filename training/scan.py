@@ -25,8 +25,8 @@ REFERENCE_WORDS = ("gt", "ref", "reference", "target")
 EXTENSIONS = ("exr", "pfm", "phm", "hdr", "png")
 
 _SPLIT = re.compile(
-    r"(?P<stem>.+?)(?:\.(?P<feature>hdr|ldr|sh1[xyz]|alb|nrm|z))?\.(?P<ext>" + "|".join(EXTENSIONS)
-    + ")", re.I)
+    r"(?P<stem>.+?)(?:\.(?P<feature>hdr|ldr|sh1[xyz]|alb|nrm|z|a))?\.(?P<ext>"
+    + "|".join(EXTENSIONS) + ")", re.I)
 _VERSION = re.compile(
     r"(?P<group>.+)_(?P<version>\d+(?:spp)?|" + "|".join(REFERENCE_WORDS)
     + r")(?:_s(?P<seed>\d+))?", re.I)
@@ -128,6 +128,8 @@ def read_names(root: Path) -> tuple[dict[str, list[Version]], list[tuple[str, st
         escaped = shown.encode("utf-8", "backslashreplace").decode()
         if escaped != shown:  # no file of ours could hold it
             left_out.append((escaped, NO_UTF8))
+            continue
+        if feature == "a":  # alpha, as split_exr writes it: nothing is trained on it
             continue
         if feature == "*" and not (match and kind == "exr"):
             if kind != "png":  # those without a feature are previews

@@ -108,6 +108,19 @@ def test_pictures_and_splits_of_multipart_files(tmp_path):
         assert np.array_equal(read_image(tmp_path / f"a_4.{feature}.exr"), image)
 
 
+def test_split_files_are_no_findings(tmp_path, capsys):
+    """The alpha that split_exr writes was one, "name is not <picture>_<version>"."""
+    for spp, images in ("4", noisy(picture(1), 4, 1)), ("ref", picture(1)):
+        path = tmp_path / "d" / f"a_{spp}.exr"
+        path.parent.mkdir(exist_ok=True)
+        write_exr(path, np.concatenate([images["hdr"], np.ones_like(images["hdr"][..., :1])], -1),
+                  (*"RGBA",))
+        split_exr.main([str(path)])
+    assert (tmp_path / "d" / "a_4.a.exr").exists()
+    doctor.main(["hdr", "-D", str(tmp_path), "-i", "d"])
+    assert "left out" not in capsys.readouterr().out
+
+
 def test_inputs_without_features_are_findings(tmp_path, capsys, fails):
     """Each by itself; of references the light is enough."""
     clean = picture(3)
