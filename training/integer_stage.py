@@ -203,5 +203,8 @@ def integer_weights(result: Result, settings: Settings) -> dict[str, np.ndarray]
                             "comes too late", USAGE)
         print("the model of the quantisation-aware training")
         return {k: v.numpy() for k, v in stage["tensors"].items()}
+    if stage and stage["tensors"] is None and stage["same"]["weights"] == fingerprint(tensors):
+        print(f"the quantisation-aware training is not finished (step {stage['step']} of "
+              f"{stage['same']['steps']}): the weights are quantised without it")
     pictures = calibration_pictures(trained, max(CALIBRATION, settings.prune))
     return tensors_of_model(quantize(tensors, trained, pictures, settings.prune))

@@ -273,7 +273,11 @@ def run_training(settings: Settings, team: parallel.Team, result: Result) -> Non
         interrupts.close()
     say(f"Finished ({duration(time.monotonic() - start)})")
     if settings.quantize_aware and team.rank == 0:
-        quantize_aware(result, settings, pictures, say)
+        try:
+            quantize_aware(result, settings, pictures, say)
+        except KeyboardInterrupt:
+            raise ToolError("interrupted in the integer stage; the same command resumes",
+                            INTERRUPTED) from None
 
 
 def until_asked(loader: Iterable, interrupts: Interrupts, team: parallel.Team) -> Iterator:

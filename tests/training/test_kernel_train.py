@@ -69,7 +69,7 @@ def test_two_processes_equal_one(raw, work, root, capsys):
     assert len(curve) == 3
 
 
-def test_quantisation_aware_training(raw, work, capsys, monkeypatch):
+def test_quantisation_aware_training(raw, work, capsys, monkeypatch, fails):
     """A stage of its own after the training; interrupted and resumed it ends with equal bits."""
     from training import quantize_aware
     args = [*RAW, "-D", str(raw), "-e", "4", "-r", "k"]
@@ -84,10 +84,13 @@ def test_quantisation_aware_training(raw, work, capsys, monkeypatch):
         if step == 25:
             raise KeyboardInterrupt
         return kept(self, step)
-    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+    with monkeypatch.context() as patch:
         patch.setattr(quantize_aware.Batches, "__getitem__", stop)
-        train.main(more)
-    capsys.readouterr()
+        code, message = fails(train.main, more)
+    assert code == 130 and message.endswith("in the integer stage; the same command resumes")
+    export.main(["-r", "k", "--int8", "-o", "early.tza"])
+    assert "training is not finished (step 20 of 30)" in capsys.readouterr().out
+    assert Path("early.tza").read_bytes() == Path("plain.tza").read_bytes()
     train.main(more)
     out = capsys.readouterr().out
     assert "Integer model: 30 steps from 20" in out
