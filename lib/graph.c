@@ -100,7 +100,7 @@ int lull_layer_has_wide_patches(const lull_graph *graph, unsigned l)
     return layer->has_patches == 1 && lull_graph_dtype(graph, layer->source[0]) == LULL_DTYPE_U15;
 }
 
-/* Number of the tensor called `name` among those made so far; LULL_TENSOR_NONE if there is none. */
+/* Number of the tensor called `name` among those made so far; NONE if there is none. */
 static uint8_t tensor_called(const lull_graph *graph, const char *name)
 {
     if (same(name, "input"))
@@ -108,17 +108,17 @@ static uint8_t tensor_called(const lull_graph *graph, const char *name)
     for (unsigned i = 0; i < graph->layers; i++)
         if (same(lull_layer_name(&graph->layer[i]), name))
             return (uint8_t)(i + 1);
-    return LULL_TENSOR_NONE;
+    return NONE;
 }
 
 /* Tensor made by the layer of this op and level among those from number `first` on;
- * LULL_TENSOR_NONE if there is none. */
+ * NONE if there is none. */
 static unsigned find_from(const lull_graph *graph, unsigned first, lull_op op, unsigned level)
 {
     for (unsigned i = first; i < graph->layers; i++)
         if (graph->layer[i].op == op && graph->layer[i].level == level)
             return i + 1;
-    return LULL_TENSOR_NONE;
+    return NONE;
 }
 
 unsigned lull_graph_channels(const lull_graph *graph, unsigned tensor)
@@ -162,7 +162,7 @@ lull_dtype lull_graph_dtype(const lull_graph *graph, unsigned tensor)
 
 unsigned lull_layer_inputs(const lull_graph *graph, const lull_layer *layer, unsigned index)
 {
-    return layer->source[index] == LULL_TENSOR_NONE || (layer->op == LULL_OP_HEAD && index > 0)
+    return layer->source[index] == NONE || (layer->op == LULL_OP_HEAD && index > 0)
                ? 0
                : lull_graph_channels(graph, layer->source[index]);
 }
@@ -228,7 +228,7 @@ static lull_layer *new_layer(lull_graph *graph, lull_op op, unsigned level, unsi
     if (graph->layers == LULL_MAX_LAYERS)
         return NULL;
     memset(layer, 0, sizeof *layer);
-    memset(layer->source, LULL_TENSOR_NONE, sizeof layer->source);
+    memset(layer->source, NONE, sizeof layer->source);
     layer->op = (uint8_t)op;
     layer->level = (uint8_t)level;
     layer->outputs = (uint16_t)outputs;
@@ -238,7 +238,7 @@ static lull_layer *new_layer(lull_graph *graph, lull_op op, unsigned level, unsi
 static void add_source(lull_layer *layer, unsigned tensor, lull_reads reads)
 {
     unsigned i = 0;
-    while (layer->source[i] != LULL_TENSOR_NONE)
+    while (layer->source[i] != NONE)
         i++;
     layer->source[i] = (uint8_t)tensor;
     layer->reads[i] = (uint8_t)reads;
@@ -343,7 +343,7 @@ static unsigned add_second_head(lull_graph *graph, unsigned head, unsigned v)
     const lull_layer *first = &graph->layer[head - 1];
     lull_layer *layer = new_layer(graph, LULL_OP_HEAD, 0, LULL_HEAD0_SPLIT + 2);
     if (!layer)
-        return LULL_TENSOR_NONE;
+        return NONE;
     layer->row = first->row;
     add_source(layer, first->source[0], LULL_READS_ROW);
     add_source(layer, v, LULL_READS_5);
@@ -375,7 +375,7 @@ static lull_status add_filters(lull_graph *graph, int steps)
     unsigned head[K_LEVELS], filtered[K_LEVELS], v, even, facing = NONE, result;
     for (unsigned s = 0; s < K_LEVELS; s++) {
         head[s] = find_from(graph, 0, LULL_OP_HEAD, s);
-        if (head[s] == LULL_TENSOR_NONE)
+        if (head[s] == NONE)
             return LULL_ERROR_NETWORK;
     }
     if (!graph->is_integer || graph->inputs != K_INPUTS || graph->levels != K_LEVELS - 1)
@@ -409,7 +409,7 @@ static lull_status add_filters(lull_graph *graph, int steps)
         v = add_filter(graph, LULL_OP_GAINS, LULL_CELL_LEVEL, v, NONE, NONE, NONE);
         result = add_filter(graph, LULL_OP_CORRECT, 0, result, v, NONE, NONE);
     }
-    return result == LULL_TENSOR_NONE ? LULL_ERROR_NETWORK : LULL_OK;
+    return result == NONE ? LULL_ERROR_NETWORK : LULL_OK;
 }
 
 /* fp32 convolutions take Winograd's form where patches lie the same in every strip: strips begin at
@@ -435,7 +435,7 @@ static unsigned reach(const lull_graph *graph, int is_exact)
     for (unsigned i = 0; i < graph->layers; i++) {
         const lull_layer *layer = &graph->layer[i];
         unsigned most = 0;
-        for (unsigned s = 0; s < LULL_MAX_SOURCES && layer->source[s] != LULL_TENSOR_NONE; s++)
+        for (unsigned s = 0; s < LULL_MAX_SOURCES && layer->source[s] != NONE; s++)
             if ((layer->op != LULL_OP_HEAD && layer->op != LULL_OP_SMOOTH) || s == 0)
                 most = lull_max_u(most, radius[layer->reads[s]]);
         if (is_exact && layer->is_winograd)
@@ -446,7 +446,7 @@ static unsigned reach(const lull_graph *graph, int is_exact)
         if (layer->op == LULL_OP_FILTER && layer->level == 0)
             noise = field + LULL_MIX_REACH;
     }
-    if (lull_graph_mixed_by(graph) != LULL_TENSOR_NONE)
+    if (lull_graph_mixed_by(graph) != NONE)
         field = lull_max_u(field + LULL_EDGE_REACH, noise);
     field += align - 1; /* phase of the pixel inside its coarsest cell */
     return (unsigned)lull_align_up(field, align);
