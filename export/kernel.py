@@ -241,10 +241,11 @@ def padded(codes: np.ndarray) -> np.ndarray:
 def apply_filter(heads: list[np.ndarray], radiance: np.ndarray, albedo: np.ndarray | None,
                  normal: np.ndarray | None = None, guide: np.ndarray | None = None,
                  bilateral: int = 0, clipped: bool = False,
-                 raggedness: float = 0.0) -> np.ndarray:
+                 raggedness: float = 0.0, mixes: bool = True) -> np.ndarray:
     """Filtered radiance [H,W,3]. heads: codes by level, of the padded size; bilateral: a value of
     BILATERAL or 0; guide: of guide_of, if it is not 0; clipped: the radiance was, so that it lacks
-    light itself; raggedness: of export.edges."""
+    light itself; raggedness: of export.edges; mixes: some of the radiance where it has little
+    noise."""
     table = weight_table()
     smooth = np.ones_like(radiance)
     if albedo is not None:
@@ -277,7 +278,7 @@ def apply_filter(heads: list[np.ndarray], radiance: np.ndarray, albedo: np.ndarr
         result = averaged(np.fmax(out * smooth, F(0)), F(raggedness))
         result = pixels.sanitize(result, 1.0, 0.0, pixels.MAX)
         return mixed(result, noise, radiance, albedo is None and normal is None,
-                     calm_share(radiance))
+                     calm_share(radiance) if mixes else F(-1))
     return out * smooth
 
 
@@ -309,7 +310,8 @@ def run_frame(model: IntTrunk, frame: pixels.Frame, channels: int = 3) -> np.nda
         codes = encode(r, aux["albedo"], aux["normal"], not rule.is_hdr)
     maps = model.maps(padded(codes))
     v = apply_filter([maps[n] for n in model.net.heads], r, aux["albedo"], aux["normal"], guide,
-                     model.bilateral, not rule.is_hdr, raggedness)
+                     model.bilateral, not rule.is_hdr, raggedness,
+                     not frame.content.startswith("lightmap"))
     v = pixels.sanitize(v, 1.0, 0.0, pixels.MAX)
     v = pixels.srgb_forward(v) if frame.content == "srgb" and not rule.is_signed else v
     return frame.stored(v, channels)

@@ -192,7 +192,10 @@ def _around(runs: np.ndarray, beside: int) -> np.ndarray:
 def mixed(result: np.ndarray, noise: np.ndarray, radiance: np.ndarray,
           is_alone: bool, calm: np.float32) -> np.ndarray:
     """The exposed result [H,W,3] with some of the radiance where noise is little; noise and
-    radiance as of corrected, is_alone: without features, calm: calm_share of the radiance."""
+    radiance as of corrected, is_alone: without features, calm: calm_share of the radiance, or below
+    0 for none of it."""
+    if calm < 0:
+        return result
     most = MOST_SHARE + MORE_SHARE * ramp(calm, *MORE_CALM) if is_alone else MOST_SHARE
     calm = ramp(calm, *CALM_ALONE if is_alone else CALM)
     per_code = SHARE_PER_CODE_ALONE if is_alone else SHARE_PER_CODE

@@ -293,24 +293,36 @@ static void calm_task(void *context, unsigned index, unsigned worker)
     lull_exec_calm_row((lull_calm_row *)exposure_rows(t->plan) + index, t, index);
 }
 
+/* Light alone has no textures: what is calm in a light map says nothing of the rest. */
+static int is_lightmap(const lull_plan *plan)
+{
+    return plan->frame.content == LULL_LIGHTMAP_HDR || plan->frame.content == LULL_LIGHTMAP_DIR;
+}
+
+/* How calm a frame is, if that is not measured. */
+static float given_calm(const lull_plan *plan, float calm)
+{
+    if (!lull_is_nan(calm))
+        return calm;
+    return is_lightmap(plan) ? -1.0f : 0.0f;
+}
+
 /* After the scale. */
 static void choose_calm(lull_task *t, const lull_host *host)
 {
     lull_plan *plan = t->plan;
     const lull_images *images = t->images;
     unsigned rows = lull_exposure_rows(plan->frame.height);
-    plan->calm = plan->ragged = 0.0f;
-    if ((lull_is_nan(images->calm) || lull_is_nan(images->ragged)) &&
+    plan->calm = given_calm(plan, images->calm);
+    plan->ragged = lull_is_nan(images->ragged) ? 0.0f : images->ragged;
+    if ((lull_is_nan(images->calm) || lull_is_nan(images->ragged)) && !is_lightmap(plan) &&
         lull_graph_mixed_by(&plan->model->graph) != LULL_TENSOR_NONE) {
         parallel(plan, host, rows, calm_task, t);
-        plan->calm = lull_calm_share(exposure_rows(plan), rows);
-        if (lull_plan_has(plan, LULL_TENSOR_ALBEDO))
+        if (lull_is_nan(images->calm))
+            plan->calm = lull_calm_share(exposure_rows(plan), rows);
+        if (lull_is_nan(images->ragged) && lull_plan_has(plan, LULL_TENSOR_ALBEDO))
             plan->ragged = lull_ragged_share(exposure_rows(plan), rows);
     }
-    if (!lull_is_nan(images->calm))
-        plan->calm = images->calm;
-    if (!lull_is_nan(images->ragged))
-        plan->ragged = images->ragged;
 }
 
 /* What is known of the whole frame: into the plan, which what looks at pixels goes by. */
@@ -390,7 +402,7 @@ lull_status lull_rows_begin(lull_plan *plan, float input_scale, float calm, floa
     t.plan = plan;
     begin_strip(plan, &t, 0);
     plan->scale = lull_is_nan(input_scale) ? 1.0f : input_scale;
-    plan->calm = lull_is_nan(calm) ? 0.0f : calm;
+    plan->calm = given_calm(plan, calm);
     plan->ragged = lull_is_nan(ragged) ? 0.0f : ragged;
     return LULL_OK;
 }

@@ -382,7 +382,7 @@ LULL_INLINE float lull_ramp(float v, float begin, float slope)
     return part < 1.0f ? part : 1.0f;
 }
 
-/* calm: of lull_images. */
+/* calm: of lull_images, below 0 for none of the input. */
 LULL_INLINE lull_mixing lull_mixing_of(float calm, int has_features)
 {
     lull_mixing mixing;
@@ -393,6 +393,8 @@ LULL_INLINE lull_mixing lull_mixing_of(float calm, int has_features)
     mixing.most = LULL_MOST_SHARE;
     if (!has_features)
         mixing.most += 0.2f * lull_ramp(calm, 0.12f, 12.5f);
+    if (calm < 0.0f)
+        mixing.most = 0.0f;
     return mixing;
 }
 
