@@ -241,11 +241,10 @@ def padded(codes: np.ndarray) -> np.ndarray:
 def apply_filter(heads: list[np.ndarray], radiance: np.ndarray, albedo: np.ndarray | None,
                  normal: np.ndarray | None = None, guide: np.ndarray | None = None,
                  bilateral: int = 0, clipped: bool = False,
-                 raggedness: float = 0.0, mixes: bool = True) -> np.ndarray:
+                 raggedness: float = 0.0, calm: float | None = None) -> np.ndarray:
     """Filtered radiance [H,W,3]. heads: codes by level, of the padded size; bilateral: a value of
     BILATERAL or 0; guide: of guide_of, if it is not 0; clipped: the radiance was, so that it lacks
-    light itself; raggedness: of export.edges; mixes: some of the radiance where it has little
-    noise."""
+    light itself; raggedness: of export.edges; calm: of export.smooth.mixed, None: measured."""
     table = weight_table()
     smooth = np.ones_like(radiance)
     if albedo is not None:
@@ -278,7 +277,7 @@ def apply_filter(heads: list[np.ndarray], radiance: np.ndarray, albedo: np.ndarr
         result = averaged(np.fmax(out * smooth, F(0)), F(raggedness))
         result = pixels.sanitize(result, 1.0, 0.0, pixels.MAX)
         return mixed(result, noise, radiance, albedo is None and normal is None,
-                     calm_share(radiance) if mixes else F(-1))
+                     calm_share(radiance) if calm is None else F(calm))
     return out * smooth
 
 
@@ -311,7 +310,8 @@ def run_frame(model: IntTrunk, frame: pixels.Frame, channels: int = 3) -> np.nda
     maps = model.maps(padded(codes))
     v = apply_filter([maps[n] for n in model.net.heads], r, aux["albedo"], aux["normal"], guide,
                      model.bilateral, not rule.is_hdr, raggedness,
-                     not frame.content.startswith("lightmap"))
+                     -1.0 if frame.content.startswith("lightmap") else
+                     None if main == "color" else 0.0)
     v = pixels.sanitize(v, 1.0, 0.0, pixels.MAX)
     v = pixels.srgb_forward(v) if frame.content == "srgb" and not rule.is_signed else v
     return frame.stored(v, channels)

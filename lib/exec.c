@@ -293,10 +293,16 @@ static void calm_task(void *context, unsigned index, unsigned worker)
     lull_exec_calm_row((lull_calm_row *)exposure_rows(t->plan) + index, t, index);
 }
 
-/* Light alone has no textures: what is calm in a light map says nothing of the rest. */
 static int is_lightmap(const lull_plan *plan)
 {
     return plan->frame.content == LULL_LIGHTMAP_HDR || plan->frame.content == LULL_LIGHTMAP_DIR;
+}
+
+/* 1 if what is calm in the frame says something of the rest: in pictures. Light alone has no
+ * textures, and albedos and normals are without noise where they are even, however few samples. */
+static int tells_by_calm(const lull_plan *plan)
+{
+    return plan->frame.features & LULL_HAS_COLOR && !is_lightmap(plan);
 }
 
 /* How calm a frame is, if that is not measured. */
@@ -315,7 +321,7 @@ static void choose_calm(lull_task *t, const lull_host *host)
     unsigned rows = lull_exposure_rows(plan->frame.height);
     plan->calm = given_calm(plan, images->calm);
     plan->ragged = lull_is_nan(images->ragged) ? 0.0f : images->ragged;
-    if ((lull_is_nan(images->calm) || lull_is_nan(images->ragged)) && !is_lightmap(plan) &&
+    if ((lull_is_nan(images->calm) || lull_is_nan(images->ragged)) && tells_by_calm(plan) &&
         lull_graph_mixed_by(&plan->model->graph) != LULL_TENSOR_NONE) {
         parallel(plan, host, rows, calm_task, t);
         if (lull_is_nan(images->calm))

@@ -211,8 +211,8 @@ typedef struct lull_images {
                         * divided by it again. */
     float calm; /* part of the main image, in [0, 1], that shows next to no noise; NaN: measured.
                  * Where it is large, kernel-prediction models leave some of the input in the output
-                 * even where there seems to be noise: it is texture then. -1: none of the input,
-                 * which NaN is for light maps. Direct models ignore it. */
+                 * even where there seems to be noise: it is texture then. -1: none of the input.
+                 * NaN is 0 for albedos and normals, -1 for light maps. Direct models ignore it. */
     float ragged; /* how much kernel-prediction models average along edges, in [0, 1]: 1 where each
                    * pixel saw one place, for edges are ragged then; NaN: measured in noise and
                    * albedo, 0 without an albedo. Direct ones ignore it. */

@@ -306,6 +306,44 @@ static void calm_and_ragged_are_the_picture_s(void)
     free(weights);
 }
 
+/* Only of pictures is it measured: light maps are not mixed with their input at all, and albedo or
+ * normals that are even say nothing of their edges. */
+static void calm_is_of_pictures(void)
+{
+    static const struct {
+        lull_content content;
+        unsigned features;
+        float least, most;
+    } rows[] = {{LULL_HDR, LULL_HAS_COLOR, 0.98f, 1},
+                {LULL_HDR, LULL_HAS_COLOR | LULL_HAS_NORMAL, 0.98f, 1},
+                {LULL_LDR, LULL_HAS_COLOR, 0.98f, 1},
+                {LULL_LIGHTMAP_HDR, LULL_HAS_COLOR, -1, -1},
+                {LULL_LIGHTMAP_DIR, LULL_HAS_COLOR, -1, -1},
+                {LULL_LDR, LULL_HAS_ALBEDO, 0, 0},
+                {LULL_LDR, LULL_HAS_NORMAL, 0, 0}};
+    lull_model *model = load_model("weights/kernel5_8.tza");
+    float *in = malloc(VALUES * sizeof *in);
+    for (unsigned i = 0; i < VALUES; i++)
+        in[i] = 0.5f + 0.01f * chance(i);
+    for (unsigned row = 0; row < sizeof rows / sizeof rows[0]; row++) {
+        lull_frame frame =
+            lull_frame_default(WIDTH, HEIGHT, rows[row].content, rows[row].features);
+        size_t bytes = lull_plan_size(&frame, model);
+        void *memory = aligned(bytes);
+        lull_images images = {.input_scale = NAN, .calm = NAN, .ragged = NAN};
+        lull_plan *plan;
+        CHECK_EQ(lull_plan_init(&plan, memory, bytes, &frame, model), LULL_OK);
+        images.color = images.albedo = images.normal = images.output =
+            (lull_image){in, LULL_F32, 3, 0, 0};
+        CHECK_EQ(lull_measure(&images, plan, NULL), LULL_OK);
+        if (!CHECK(images.calm >= rows[row].least && images.calm <= rows[row].most))
+            printf("  row %u: %g\n", row, (double)images.calm);
+        free(memory);
+    }
+    free(model);
+    free(in);
+}
+
 /* Columns [begin, end) of a frame that is tight, denoised with `overlap` more on either side. */
 static void run_tile(const lull_model *model, lull_images images, const lull_frame *whole,
                      unsigned begin, unsigned end, unsigned overlap)
@@ -377,6 +415,7 @@ int main(int argc, char **argv)
     RUN(equals_the_reference);
     RUN(wide_frames_do_not_depend_on_threads_and_strips);
     RUN(calm_and_ragged_are_the_picture_s);
+    RUN(calm_is_of_pictures);
     RUN(tiles_make_the_frame);
     return check_report();
 }
