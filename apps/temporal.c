@@ -9,26 +9,28 @@ enum {
     GUIDES = 6,
     REACH = 8, /* of the widest window that change is looked for in */
     ROWS = 2 * REACH + 1,
-    SUMS = 3,     /* of pixels, differences, squares */
+    SUMS = 3,           /* of pixels, differences, squares */
     MOST_CHANNELS = 14, /* of a pixel that is kept */
-    MOVING = 100, /* pixels that tell the signs of vectors for good */
-    PASSES = 16   /* of the mean: one brings it to a 25th where 1 % are lamps */
+    MOVING = 100,       /* pixels that tell the signs of vectors for good */
+    PASSES = 16         /* of the mean: one brings it to a 25th where 1 % are lamps */
 };
 static const size_t radii[] = {2, 4, REACH};
-#define GUIDE_LIMIT 51    /* features differ more than that: another thing. 0.2 of either */
-#define STILL_BEFORE 8.0f  /* frames before that count in the input where nothing moves, ... */
-#define MOVING_BEFORE 1.5f /* ... where things move by a pixel: each time they blur a little, and */
-                           /* what is seen in a mirror moves otherwise, ... */
-#define MOST_RESULTS 0.5f  /* ... and in the result, whose errors are alike */
-#define DARK 0.05f        /* of the mean light: what is darker counts as that */
-#define BRIGHT 3.0f       /* times the result: what is brighter counts as that */
+#define GUIDE_LIMIT 51 /* features differ more than that: another thing. 0.2 of either */
+/* Frames before that count in the input where nothing moves, and where things move by a pixel: each
+ * time they blur a little, and what is seen in a mirror moves otherwise; and in the result, whose
+ * errors are alike from frame to frame. */
+#define STILL_BEFORE 8.0f
+#define MOVING_BEFORE 1.5f
+#define MOST_RESULTS 0.5f
+#define DARK 0.05f  /* of the mean light: what is darker counts as that */
+#define BRIGHT 3.0f /* times the result: what is brighter counts as that */
 
 /* A frame that is gathered: rows of it are prepared REACH rows ahead of those that are finished. */
 typedef struct gathering {
     const temporal *t;
     const temporal_frame *frame;
-    uint8_t *guide;  /* of the frame; those of t are of the one before */
-    float *rows;     /* ROWS rows of shares and sums; then column sums, then rows of images: */
+    uint8_t *guide; /* of the frame; those of t are of the one before */
+    float *rows;    /* ROWS rows of shares and sums; then column sums, then rows of images: */
     float *noisy, *albedo, *normal, *motion;
     float floor;     /* of light */
     float scale[2];  /* of motion vectors */
@@ -251,8 +253,8 @@ static void prepare_row(const gathering *m, size_t y)
         result = light_of(before + result_at(t), t->colors);
         if (!isfinite(result)) /* halves end at 65504 */
             continue;
-        share[x] = smaller(before[age_at(t)], most_before(at[0] - (float)x - m->left,
-                                                          at[1] - (float)y - m->top));
+        share[x] = smaller(before[age_at(t)],
+                           most_before(at[0] - (float)x - m->left, at[1] - (float)y - m->top));
         d = light_of(m->noisy + x * t->colors, t->colors);
         d = (bounded(d, result, m->floor) - before[light_at(t)]) / (result + m->floor);
         if (!isfinite(d))

@@ -23,8 +23,8 @@ typedef struct temporal {
 } temporal;
 
 typedef struct temporal_frame {
-    int number;           /* the frame before has the number before, else nothing is taken over */
-    image *noisy;         /* linear or not, as the result; of a data window that may move */
+    int number;             /* the frame before has the number before, else nothing is taken over */
+    image *noisy;           /* linear or not, as the result; of a data window that may move */
     image *albedo, *normal; /* NULL: there is none */
     const image *motion; /* two channels or more: where in the frame before a pixel was, less where
                           * it is, in pixels, by the scale below to the right and down. NULL:
