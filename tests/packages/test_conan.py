@@ -19,9 +19,8 @@ def conan_program() -> str | None:
 
 
 CONAN = conan_program()
-if not CONAN or not shutil.which("cmake"):
-    pytest.skip(f"optional: {'cmake' if CONAN else 'conan'} is not installed",
-                allow_module_level=True)
+pytestmark = pytest.mark.skipif(not CONAN or not shutil.which("cmake"), reason=(
+    f"optional: {'cmake' if CONAN else 'conan'} is not installed"))
 
 
 def conan(*arguments: str | Path, cwd: Path, home: Path) -> subprocess.CompletedProcess:

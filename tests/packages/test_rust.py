@@ -14,8 +14,8 @@ import pytest
 
 from tests.apps.tools import read_pfm, scene, write_pfm
 
-if not shutil.which("cargo"):
-    pytest.skip("optional: cargo is not installed", allow_module_level=True)
+pytestmark = pytest.mark.skipif(not shutil.which("cargo"),
+                                reason="optional: cargo is not installed")
 
 # Without the kernels of the processor, which take most of the time; the bytes are the same.
 SETTINGS = {"LULL_MAKEFLAGS": "ARCH=other OPT=-O1", "CARGO_NET_OFFLINE": "true"}
