@@ -286,6 +286,13 @@ def without_black(albedo: np.ndarray) -> np.ndarray:
     return np.where((albedo > 0).any(-1, keepdims=True), albedo, F(1))
 
 
+def known_calm(content: str, main: str) -> float | None:
+    """How calm frames are that are no pictures; None: to be measured."""
+    if content.startswith("lightmap"):
+        return -1.0
+    return None if main == "color" else 0.0
+
+
 def run_frame(model: IntTrunk, frame: pixels.Frame, channels: int = 3) -> np.ndarray:
     """A whole image through a K model, [H,W,channels]."""
     rule, images = frame.rule(), dict(frame.images)
@@ -309,9 +316,7 @@ def run_frame(model: IntTrunk, frame: pixels.Frame, channels: int = 3) -> np.nda
         codes = encode(r, aux["albedo"], aux["normal"], not rule.is_hdr)
     maps = model.maps(padded(codes))
     v = apply_filter([maps[n] for n in model.net.heads], r, aux["albedo"], aux["normal"], guide,
-                     model.bilateral, not rule.is_hdr, raggedness,
-                     -1.0 if frame.content.startswith("lightmap") else
-                     None if main == "color" else 0.0)
+                     model.bilateral, not rule.is_hdr, raggedness, known_calm(frame.content, main))
     v = pixels.sanitize(v, 1.0, 0.0, pixels.MAX)
     v = pixels.srgb_forward(v) if frame.content == "srgb" and not rule.is_signed else v
     return frame.stored(v, channels)

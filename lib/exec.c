@@ -293,25 +293,20 @@ static void calm_task(void *context, unsigned index, unsigned worker)
     lull_exec_calm_row((lull_calm_row *)exposure_rows(t->plan) + index, t, index);
 }
 
-static int is_lightmap(const lull_plan *plan)
+/* How calm the frame is, if that is given or known; NaN of pictures: there it is measured. What
+ * is calm in other frames says nothing of the rest: light alone has no textures, and albedos and
+ * normals are without noise where they are even, however few samples. */
+static float known_calm(const lull_plan *plan, float given)
 {
-    return plan->frame.content == LULL_LIGHTMAP_HDR || plan->frame.content == LULL_LIGHTMAP_DIR;
+    const lull_content content = plan->frame.content;
+    if (!lull_is_nan(given))
+        return given;
+    if (content == LULL_LIGHTMAP_HDR || content == LULL_LIGHTMAP_DIR)
+        return -1.0f;
+    return plan->frame.features & LULL_HAS_COLOR ? given : 0.0f;
 }
 
-/* 1 if what is calm in the frame says something of the rest: in pictures. Light alone has no
- * textures, and albedos and normals are without noise where they are even, however few samples. */
-static int tells_by_calm(const lull_plan *plan)
-{
-    return plan->frame.features & LULL_HAS_COLOR && !is_lightmap(plan);
-}
-
-/* How calm a frame is, if that is not measured. */
-static float given_calm(const lull_plan *plan, float calm)
-{
-    if (!lull_is_nan(calm))
-        return calm;
-    return is_lightmap(plan) ? -1.0f : 0.0f;
-}
+static float zero_for_nan(float v) { return lull_is_nan(v) ? 0.0f : v; }
 
 /* After the scale. */
 static void choose_calm(lull_task *t, const lull_host *host)
@@ -319,16 +314,18 @@ static void choose_calm(lull_task *t, const lull_host *host)
     lull_plan *plan = t->plan;
     const lull_images *images = t->images;
     unsigned rows = lull_exposure_rows(plan->frame.height);
-    plan->calm = given_calm(plan, images->calm);
-    plan->ragged = lull_is_nan(images->ragged) ? 0.0f : images->ragged;
-    if ((lull_is_nan(images->calm) || lull_is_nan(images->ragged)) && tells_by_calm(plan) &&
-        lull_graph_mixed_by(&plan->model->graph) != LULL_TENSOR_NONE) {
+    int mixes = lull_graph_mixed_by(&plan->model->graph) != LULL_TENSOR_NONE;
+    float calm = known_calm(plan, images->calm), ragged = images->ragged;
+    int wants_calm = mixes && lull_is_nan(calm);
+    int wants_ragged = mixes && lull_is_nan(ragged) && lull_plan_has(plan, LULL_TENSOR_ALBEDO);
+    if (wants_calm || wants_ragged)
         parallel(plan, host, rows, calm_task, t);
-        if (lull_is_nan(images->calm))
-            plan->calm = lull_calm_share(exposure_rows(plan), rows);
-        if (lull_is_nan(images->ragged) && lull_plan_has(plan, LULL_TENSOR_ALBEDO))
-            plan->ragged = lull_ragged_share(exposure_rows(plan), rows);
-    }
+    if (wants_calm)
+        calm = lull_calm_share(exposure_rows(plan), rows);
+    if (wants_ragged)
+        ragged = lull_ragged_share(exposure_rows(plan), rows);
+    plan->calm = zero_for_nan(calm);
+    plan->ragged = zero_for_nan(ragged);
 }
 
 /* What is known of the whole frame: into the plan, which what looks at pixels goes by. */
@@ -408,8 +405,8 @@ lull_status lull_rows_begin(lull_plan *plan, float input_scale, float calm, floa
     t.plan = plan;
     begin_strip(plan, &t, 0);
     plan->scale = lull_is_nan(input_scale) ? 1.0f : input_scale;
-    plan->calm = given_calm(plan, calm);
-    plan->ragged = lull_is_nan(ragged) ? 0.0f : ragged;
+    plan->calm = zero_for_nan(known_calm(plan, calm));
+    plan->ragged = zero_for_nan(ragged);
     return LULL_OK;
 }
 

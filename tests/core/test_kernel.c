@@ -295,6 +295,11 @@ static void calm_and_ragged_are_the_picture_s(void)
         if (!CHECK(images.calm >= rows[row].least && images.calm <= rows[row].most) ||
             !CHECK(fabsf(images.ragged - rows[row].ragged) < 0.02f))
             printf("  row %u: %g, %g\n", row, (double)images.calm, (double)images.ragged);
+        frame.content = LULL_LIGHTMAP_HDR; /* is ragged as pictures are */
+        again.calm = again.ragged = NAN;
+        CHECK_EQ(lull_plan_init(&plan, plan_memory, plan_bytes, &frame, model), LULL_OK);
+        CHECK_EQ(lull_measure(&again, plan, &host), LULL_OK);
+        CHECK(again.calm == -1 && again.ragged == images.ragged);
         again.calm = again.ragged = 0.2f; /* known */
         CHECK_EQ(lull_measure(&again, plan, NULL), LULL_OK);
         CHECK(again.calm == 0.2f && again.ragged == 0.2f);
