@@ -32,7 +32,6 @@ typedef struct gathering {
     uint8_t *guide; /* of the frame; those of t are of the one before */
     float *rows;    /* ROWS rows of shares and sums; then column sums, then rows of images: */
     float *noisy, *albedo, *normal, *motion;
-    float floor;     /* of light */
     float scale[2];  /* of motion vectors */
     float left, top; /* of the data window, less those of the one before */
 } gathering;
@@ -256,7 +255,7 @@ static void prepare_row(const gathering *m, size_t y)
         share[x] = smaller(before[age_at(t)],
                            most_before(at[0] - (float)x - m->left, at[1] - (float)y - m->top));
         d = light_of(m->noisy + x * t->colors, t->colors);
-        d = (bounded(d, result, m->floor) - before[light_at(t)]) / (result + m->floor);
+        d = (bounded(d, result, t->floor) - before[light_at(t)]) / (result + t->floor);
         if (!isfinite(d))
             continue;
         sums[x] = 1;
@@ -347,7 +346,7 @@ static void finish_row(const gathering *m, size_t y)
             sum += before[c];
         if (!isfinite(sum))
             continue;
-        light = bounded(light, light_of(before + result_at(t), t->colors), m->floor);
+        light = bounded(light, light_of(before + result_at(t), t->colors), t->floor);
         memcpy(moved, before + result_at(t), t->colors * sizeof *moved);
         moved[t->colors] = mean_of(light, before[light_at(t)], k);
         moved[t->colors + 1] = 1 + k;
@@ -396,7 +395,6 @@ static void take_over(temporal *t, gathering *m)
     memcpy(m->scale, m->frame->scale ? m->frame->scale : t->scale, sizeof m->scale);
     if (m->frame->motion && m->scale[0] == 0 && m->scale[1] == 0)
         find_signs(t, m);
-    m->floor = t->floor;
     for (size_t y = 0; y < height + REACH; y++) {
         if (y < height)
             prepare_row(m, y);
@@ -461,14 +459,10 @@ int temporal_gather(temporal *t, const temporal_frame *frame)
     const size_t steps = frame->motion ? frame->motion->channels : 0;
     const int continues = goes_on(t, frame, features);
     gathering m = {0};
-    if (!continues && !make_memory(t, frame, features)) {
-        temporal_free(t);
-        return -1;
-    }
     m.t = t, m.frame = frame;
     m.guide = malloc(width * frame->noisy->height * GUIDES);
     m.rows = malloc(width * (ROWS * (1 + SUMS) + SUMS + 9 + steps) * sizeof *m.rows);
-    if (!m.guide || !m.rows) {
+    if (!m.guide || !m.rows || (!continues && !make_memory(t, frame, features))) {
         free(m.guide), free(m.rows);
         temporal_free(t);
         return -1;
@@ -499,17 +493,18 @@ void temporal_mix(temporal *t, image *result, int number)
     for (size_t i = 0, pixels = t->width * t->height; i < pixels; i++) {
         const float *moved = t->moved + i * (colors + 2);
         float *last = t->last + i * t->channels, *here = last + result_at(t);
-        const float k = moved[colors + 1] - 1, light = moved[colors];
+        const float k = moved[colors + 1] - 1;
+        float light = moved[colors];
         for (unsigned c = 0; c < colors; c++) {
             here[c] = image_get(result, i * colors + c);
             if (k > 0 && isfinite(here[c]))
                 here[c] = mean_of(here[c], moved[c], smaller(k, MOST_RESULTS));
             image_set(result, i * colors + c, here[c]);
         }
+        if (!(k > 0)) /* nothing was known to bound it by */
+            light = isnan(light) ? light_of(here, colors)
+                                 : bounded(light, light_of(here, colors), t->floor);
         last[light_at(t)] = light;
-        if (!(k > 0))
-            last[light_at(t)] = isnan(light) ? light_of(here, colors)
-                                             : bounded(light, light_of(here, colors), t->floor);
         last[age_at(t)] = k + 1;
     }
     t->is_whole = 1;
