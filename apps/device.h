@@ -4,6 +4,7 @@
 
 #include <OpenImageDenoise/lull_device.h>
 #include <OpenImageDenoise/lull_quality.h>
+#include <limits.h>
 
 #include "imageio.h"
 #include "options.h"
@@ -21,6 +22,18 @@ device_settings device_settings_default(void);
 /* OPTION_CALL of -d: stores a type's name or a device number in the device_settings. 0 if it is
  * valid. */
 int device_parse(device_settings *settings, const char *text);
+
+/* Rows of a table of options, where the settings have `device`, a device_settings, and `weights`,
+ * `max_memory` and `is_in_place`; set_device calls device_parse. */
+#define DEVICE_OPTIONS(set_device)                                                                 \
+    TEXT("w weights", weights, "FILE.tza", "network weights (the built-in ones)"),                 \
+        CALL("d dev device", set_device, 1, "N|default|cpu|sycl|cuda|hip|metal|opencl", "device"), \
+        INT("threads", device.threads, 0, INT_MAX, "N", "threads (all)"),                          \
+        INT("affinity", device.affinity, 0, 1, "0|1", "bind threads to cores"),                    \
+        INT("maxmem maxMemoryMB maxmemorymb", max_memory, INT_MIN, INT_MAX, "MB",                  \
+            "memory to keep within"),                                                              \
+        FLAG("inplace in_place in-place", is_in_place, 1,                                          \
+             "denoise within the memory of the input")
 
 extern const option_word device_ensembles[]; /* orientations that results are means of */
 extern const option_word device_qualities[]; /* OIDNQuality, or LULL_QUALITY_AUTO */
