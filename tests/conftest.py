@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from pathlib import Path
 
 import pytest
@@ -12,6 +13,13 @@ import pytest
 def root() -> Path:
     """Top of the tree."""
     return Path(__file__).resolve().parent.parent
+
+
+@pytest.fixture(scope="session")
+def version(root: Path) -> str:
+    """Of the library, as its header says."""
+    header = (root / "lib" / "lull.h").read_text()
+    return ".".join(re.findall(r"define LULL_VERSION_\w+ (\d+)", header))
 
 
 @pytest.fixture(scope="session")
