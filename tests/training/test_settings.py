@@ -86,7 +86,8 @@ def test_the_docs_have_every_option(root):
 
 
 @pytest.mark.parametrize("tool", [
-    "export.bilateral", "export.manifest", "export.quantize", "export.quantize_kernel",
+    "export.bilateral", "export.manifest", "export.prune", "export.quantize",
+    "export.quantize_kernel",
     "export.temper", "training.average", "training.evaluate", "training.quantize_aware",
     "training.scenes.leaves", "training.scenes.render", "training.scenes.render_scene",
     "training.scenes.sheet"])
