@@ -115,13 +115,17 @@ static void tell_model(const settings *s, const char *path, const lull_model *mo
     lull_model_get_info(model, &info);
     frame = lull_frame_default((unsigned)s->width, (unsigned)s->height, LULL_HDR,
                                features[info.inputs / 3 <= 3 ? info.inputs / 3 : 3]);
+    if (info.is_alone)
+        frame = lull_frame_default((unsigned)s->width, (unsigned)s->height, LULL_LDR,
+                                   LULL_HAS_ALBEDO);
     plan = lull_plan_size(&frame, model);
     least = lull_plan_minimum(&frame, model);
     frame.row_step = 1;
     frame.strip_width = frame.width; /* in one strip: nothing is computed twice */
     streamed = lull_plan_size(&frame, model);
-    report_line("%s: %s, %u inputs, %s\n", path, info.network, info.inputs,
-                info.is_integer ? "int8" : "fp16");
+    report_line("%s: %s, %u inputs, %s%s\n", path, info.network, info.inputs,
+                info.is_integer ? "int8" : "fp16",
+                info.is_alone ? ", for an albedo or normals alone" : "");
     report_line("  %.1f kMAC/pixel, %llu parameters, %zu bytes in the file, %zu in memory\n",
                 (double)info.macs_per_pixel / 1000, (unsigned long long)info.parameters, file_bytes,
                 model_bytes);
@@ -131,6 +135,7 @@ static void tell_model(const settings *s, const char *path, const lull_model *mo
     json_text(report, "network", info.network);
     json_number(report, "inputs", info.inputs);
     json_bool(report, "integer", (int)info.is_integer);
+    json_bool(report, "alone", (int)info.is_alone);
     json_number(report, "macs_per_pixel", (double)info.macs_per_pixel);
     json_number(report, "parameters", (double)info.parameters);
     json_number(report, "file_bytes", (double)file_bytes);

@@ -31,6 +31,9 @@ def main(argv: list[str]) -> None:
     args = parser.parse_args(argv)
     with errors.reading(args.input):
         model = kernel.load(args.input)
+    if model.is_alone:
+        raise errors.ToolError(f"{args.input}: is for an albedo or normals alone, which have no "
+                               "such steps", errors.STATE)
     model.bilateral = (0 if args.off else kernel.SMOOTH if args.smooth else
                        kernel.SMOOTH_AND_CORRECT if args.correct else kernel.ALL_STEPS)
     write_tensors(args.output, tensors_of(model))

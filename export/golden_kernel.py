@@ -3,7 +3,8 @@
     python -m export.golden_kernel [tests/golden/kernel]
 
 The folder gets weights.tza, {color,albedo,normal}.f32 ([H,W,3], little endian) and, for each set
-of features and content, out_<features>_<content>.f32. tests/core/test_kernel.c compares the C core
+of features and content, out_<features>_<content>.f32; alone.tza is the same model for an albedo or
+normals alone, of out_alone_<features>_<content>.f32. tests/core/test_kernel.c compares the C core
 with them to the bit.
 """
 from __future__ import annotations
@@ -25,6 +26,7 @@ WORDS = ("0a", "1b", "2a", "4b", "dec2", "dec0", "head1")  # layers whose sums f
 HEIGHT, WIDTH = 37, 45
 CASES = ((7, "hdr"), (7, "ldr"), (7, "srgb"), (1, "hdr"), (3, "hdr"), (5, "lightmap-hdr"),
          (1, "lightmap-dir"), (2, "ldr"), (4, "ldr"))
+ALONE_CASES = ((2, "ldr"), (2, "srgb"), (4, "ldr"))
 FEATURE_BITS = {"color": 1, "albedo": 2, "normal": 4}
 
 
@@ -87,14 +89,18 @@ def write(folder: Path) -> None:
     images = pictures(2)
     for name, image in images.items():
         image.astype("<f4").tofile(folder / f"{name}.f32")
-    with Writer(folder / "weights.tza") as w:
-        for tensor, array in tensors_of(random_model(1)).items():
-            w.write(tensor, np.ascontiguousarray(array))
-    model = kernel.load(folder / "weights.tza")
-    for features, content in CASES:
-        chosen = {f: i for f, i in images.items() if features & FEATURE_BITS[f]}
-        out = kernel.run_frame(model, pixels.Frame(chosen, content))
-        out.astype("<f4").tofile(folder / f"out_{features}_{content}.f32")
+    for name, steps, prefix, cases in (("weights", kernel.ALL_STEPS, "out", CASES),
+                                       ("alone", kernel.ALONE, "out_alone", ALONE_CASES)):
+        made = random_model(1)
+        made.bilateral = steps
+        with Writer(folder / f"{name}.tza") as w:
+            for tensor, array in tensors_of(made).items():
+                w.write(tensor, np.ascontiguousarray(array))
+        model = kernel.load(folder / f"{name}.tza")
+        for features, content in cases:
+            chosen = {f: i for f, i in images.items() if features & FEATURE_BITS[f]}
+            out = kernel.run_frame(model, pixels.Frame(chosen, content))
+            out.astype("<f4").tofile(folder / f"{prefix}_{features}_{content}.f32")
 
 
 if __name__ == "__main__":

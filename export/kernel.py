@@ -33,6 +33,7 @@ NO_NORMAL = 128             # code of the normal where there is none
 
 BILATERAL = "bilateral.scale"    # a tensor of one value: the last steps, a key of LAST_STEPS
 SMOOTH_AND_CORRECT, SMOOTH, ALL_STEPS = 1, 2, 3
+ALONE = 4  # or: none, and the model is for an albedo or normals alone, which stand for normals, too
 LOG_TERMS = F(30.6365147), F(-15.4037612), F(10.996752), F(-7.00442797)
 
 
@@ -113,6 +114,11 @@ class IntTrunk(IntModel):
         super().__init__(trunk, layers, np.full(trunk.inputs, 255.0), 1.0)
         self.bilateral = bilateral  # 0 or a value of BILATERAL
 
+    @property
+    def is_alone(self) -> bool:
+        """Whether it is for an albedo or normals alone."""
+        return self.bilateral == ALONE
+
     def codes(self, x: np.ndarray) -> np.ndarray:
         """Codes / 255 to codes."""
         return np.rint(np.asarray(x) * 255).astype(np.uint8)
@@ -159,8 +165,8 @@ def bilateral_of(tensors: Mapping[str, np.ndarray], file: str) -> int:
     if BILATERAL not in tensors:
         return 0
     value = _tensor(tensors, BILATERAL, F, (1,), file)[0]
-    if value not in LAST_STEPS:
-        raise ModelError(f"{file}: {BILATERAL}: {value:g}, known are 1 to {max(LAST_STEPS)}")
+    if value not in LAST_STEPS and value != ALONE:
+        raise ModelError(f"{file}: {BILATERAL}: {value:g}, known are 1 to {ALONE}")
     return int(value)
 
 
@@ -265,7 +271,7 @@ def apply_filter(heads: list[np.ndarray], radiance: np.ndarray, albedo: np.ndarr
     for level in range(LEVELS - 2, -1, -1):
         f = filtered[level]
         out = f + blends[level] * (_upsampled(out, f.shape) - f)
-    if bilateral:
+    if bilateral in LAST_STEPS:
         steps = LAST_STEPS[bilateral]
         noise = noise_codes(confident[0], filtered[0])
         out = smoothed(out, noise, guide, steps.corrects)
@@ -308,10 +314,14 @@ def run_frame(model: IntTrunk, frame: pixels.Frame, channels: int = 3) -> np.nda
             v = pixels.sanitize(pixels.three_channels(images[f]), 1.0,
                                 -1.0 if f == "normal" else 0.0, 1.0)
             aux[f] = without_black(v) if f == "albedo" else v
+    if model.is_alone:
+        if len(images) > 1 or main == "color":
+            raise ModelError("the model is for an albedo or normals alone")
+        aux["normal"] = F(2) * r - F(1)
     codes = encode(r, aux["albedo"], aux["normal"], not rule.is_hdr)
     guide = guide_of(codes)
     raggedness = ragged(np.minimum(r, RADIANCE_MAX), aux["albedo"])
-    if aux["albedo"] is not None and model.bilateral and LAST_STEPS[model.bilateral].cleans:
+    if aux["albedo"] is not None and model.bilateral == ALL_STEPS:
         aux["albedo"] = without_grain(aux["albedo"], codes)
         codes = encode(r, aux["albedo"], aux["normal"], not rule.is_hdr)
     maps = model.maps(padded(codes))

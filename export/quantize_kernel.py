@@ -152,6 +152,9 @@ def read_tensors(path: Path) -> dict[str, np.ndarray]:
 def quantized(args: argparse.Namespace) -> kernel.IntTrunk:
     """The integer model that the arguments ask for."""
     tensors, options = read_tensors(args.input), replace(OPTIONS, words=args.words)
+    if kernel.bilateral_of(tensors, str(args.input)) == kernel.ALONE:
+        raise errors.ToolError(f"{args.input}: of an albedo or normals alone; training.export "
+                               "--int8 quantises these", errors.STATE)
     model = kernel.FloatTrunk(kernel.find_trunk(tensors, str(args.input)), tensors)
     inputs = calibration_set(args.data, args.count, args.all_features, parse_layers(args.layers))
     made = KernelQuantizer(model, inputs, options).run()

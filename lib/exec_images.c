@@ -161,7 +161,7 @@ void lull_exec_main(lull_encoding *from, const lull_task *t, float *block, unsig
     from->scale = plan->scale;
     from->most = rule.is_hdr ? LULL_RADIANCE_MAX : 1.0f;
     if (from->radiance && !plan->keeps_rows && !rule.is_signed && !is_decoded(plan) &&
-        plan->scale >= 0.0f)
+        plan->scale >= 0.0f && !plan->model->graph.is_alone)
         return;
     load_feature(block, t, feature, 1, LULL_TRANSFER_LINEAR, x, y, n);
     if (is_decoded(plan))
@@ -208,6 +208,14 @@ static void load_aux(const lull_task *t, const float *albedo, const float *norma
             lull_exec_row(plan, LULL_TENSOR_GUIDE, y) + 2 * (size_t)column, albedo, normal, n);
 }
 
+/* n pixels of the main image, in [0,1], in the place of normals. */
+static const float *as_normals(float *block, const float *main_image, unsigned n)
+{
+    for (unsigned i = 0; i < 3 * n; i++)
+        block[i] = 2.0f * main_image[i] - 1.0f;
+    return block;
+}
+
 /* The same for family K: codes, and the other tensors if they are kept from now on. */
 static void load_kernel(const lull_task *t, float *block, unsigned x, unsigned y, unsigned n)
 {
@@ -220,7 +228,9 @@ static void load_kernel(const lull_task *t, float *block, unsigned x, unsigned y
         plan->keeps_rows ? lull_exec_floats(plan, LULL_TENSOR_RADIANCE, y, column) : block, x, row,
         n);
     from.albedo = lull_exec_aux(t, 1, block + 3 * LULL_BLOCK, x, row, n);
-    from.normal = lull_exec_aux(t, 2, block + 6 * LULL_BLOCK, x, row, n);
+    from.normal = plan->model->graph.is_alone
+                      ? as_normals(block + 6 * LULL_BLOCK, from.radiance, n)
+                      : lull_exec_aux(t, 2, block + 6 * LULL_BLOCK, x, row, n);
     from.flags = lull_filter_flags(&from, !lull_exec_content(&plan->frame).is_hdr);
     plan->model->kernels.encode(codes, &from, n);
     if (plan->keeps_rows)

@@ -351,7 +351,7 @@ static unsigned add_second_head(lull_graph *graph, unsigned head, unsigned v)
 }
 
 /* Values of the tensor bilateral.scale, and 0 where there is none. */
-enum { NO_STEPS, SMOOTH_AND_CORRECT, SMOOTH, ALL_STEPS };
+enum { NO_STEPS, SMOOTH_AND_CORRECT, SMOOTH, ALL_STEPS, ALONE };
 
 /* That of a file; NETWORK if it is none. */
 static lull_status read_steps(int *steps, const lull_tza *tza)
@@ -362,7 +362,7 @@ static lull_status read_steps(int *steps, const lull_tza *tza)
     if (!lull_tza_find(tza, "bilateral", ".scale", &tensor))
         return LULL_OK;
     value = has_shape(&tensor, 'f', 1, 0, 0) ? lull_tza_float(&tensor, 0) : 0.0f;
-    while (*steps < ALL_STEPS && value != (float)*steps)
+    while (*steps < ALONE && value != (float)*steps)
         ++*steps;
     return *steps != NO_STEPS && value == (float)*steps ? LULL_OK : LULL_ERROR_NETWORK;
 }
@@ -393,7 +393,7 @@ static lull_status add_filters(lull_graph *graph, int steps)
     result = filtered[K_LEVELS - 1];
     for (unsigned s = K_LEVELS - 1; s-- > 0;)
         result = add_filter(graph, LULL_OP_BLEND, s, filtered[s], result, NONE, NONE);
-    if (steps)
+    if (steps != NO_STEPS && steps != ALONE)
         result = add_filter(graph, LULL_OP_BILATERAL, 0, result, LULL_TENSOR_GUIDE, NONE, NONE);
     if (has_residual && result != NONE) /* looks far */
         memset(graph->layer[result - 1].reads, LULL_READS_25, 2);
@@ -521,6 +521,7 @@ lull_status lull_graph_build(lull_graph *graph, const lull_tza *tza)
     graph->family = net->family;
     if (net->family == LULL_FAMILY_K)
         status = read_steps(&steps, tza);
+    graph->is_alone = steps == ALONE;
     if (steps == ALL_STEPS)
         add_grain(graph);
     if (status == LULL_OK)

@@ -107,6 +107,7 @@ typedef struct lull_graph {
     unsigned aux;     /* ... how many of them, the last ones, are LULL_TENSOR_AUX */
     unsigned before;  /* layers that take grain out of the albedo, before all others; 0: none */
     uint8_t input;    /* the tensor that the network proper sees */
+    int is_alone;     /* family K: for an albedo or normals alone, which stand for normals, too */
     unsigned levels;  /* number of 2x poolings: sizes are multiples of 1 << levels */
     unsigned overlap; /* pixels beside a strip that the output depends on, and ... */
     unsigned margin;  /* ... that make it equal to the bit; both multiples of 1 << levels */

@@ -104,6 +104,7 @@ typedef struct lull_model_info {
     unsigned overlap;    /* pixels of context beside a strip that it depends on (96 to 352) */
     uint64_t parameters; /* weights and biases */
     uint64_t macs_per_pixel; /* multiply-adds per pixel of the network as written, unfolded */
+    unsigned is_alone;   /* 1: for frames of an albedo or of normals alone; 0: for all others */
 } lull_model_info;
 
 /* Bytes that lull_model_init needs for these weights, or 0 if the weights are not valid (then
@@ -179,8 +180,9 @@ size_t lull_plan_size(const lull_frame *frame, const lull_model *model);
 size_t lull_plan_minimum(const lull_frame *frame, const lull_model *model);
 
 /* Makes a plan in `memory`. `model` must outlive it.
- * Errors: ARGUMENT; MEMORY (also if max_bytes is below the minimum); FEATURES if the inputs of a
- * direct network are not 3 per feature of a frame that is not empty. */
+ * Errors: ARGUMENT; MEMORY (also if max_bytes is below the minimum); FEATURES if, of a frame that
+ * is not empty, the inputs of a direct network are not 3 per feature, or a network of kernel
+ * prediction is for an albedo or normals alone, and the frame has more or a colour. */
 lull_status lull_plan_init(lull_plan **plan, void *memory, size_t memory_bytes,
                            const lull_frame *frame, const lull_model *model);
 

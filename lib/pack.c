@@ -574,6 +574,7 @@ void lull_model_get_info(const lull_model *model, lull_model_info *info)
     info->alignment = 1u << graph->levels;
     info->overlap = graph->overlap;
     info->macs_per_pixel = lull_graph_macs_per_pixel(graph);
+    info->is_alone = (unsigned)graph->is_alone;
     info->parameters = 0;
     for (unsigned l = 0; l < graph->layers; l++) {
         const lull_layer *layer = &graph->layer[l];

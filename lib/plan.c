@@ -422,8 +422,10 @@ static lull_status start(lull_plan *plan, const lull_frame *frame, const lull_mo
         return LULL_ERROR_ARGUMENT;
     for (unsigned i = 0; i < 3; i++)
         features += frame->features >> i & 1;
-    if (model->graph.family == LULL_FAMILY_U && 3 * features != model->graph.inputs &&
-        frame->width && frame->height)
+    if (frame->width && frame->height &&
+        (model->graph.is_alone ? features > 1 || frame->features & LULL_HAS_COLOR
+                               : model->graph.family == LULL_FAMILY_U &&
+                                     3 * features != model->graph.inputs))
         return LULL_ERROR_FEATURES;
     align = 1u << model->graph.levels;
     memset(plan, 0, sizeof *plan);

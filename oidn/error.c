@@ -56,8 +56,11 @@ bool lull_check_plan(lull_fault *fault, lull_status status, const lull_frame *fr
     for (unsigned i = 0; i < LULL_OUTPUT; i++)
         images += frame->features >> i & 1;
     lull_model_get_info(model, &info);
-    snprintf(what, sizeof what, "the weights take %u channels, the images have %u", info.inputs,
-             3 * images);
+    if (info.is_alone)
+        snprintf(what, sizeof what, "the weights are for an albedo or normals alone");
+    else
+        snprintf(what, sizeof what, "the weights take %u channels, the images have %u",
+                 info.inputs, 3 * images);
     return lull_fail_status(fault, status, what);
 }
 

@@ -28,6 +28,7 @@ CLEAN_SPP = 256                 # samples of a target that hardly shows its own 
 LEAST_NOISE = 0.2, 0.03         # that blending leaves: of targets with fewer samples, of clean ones
 ON_LIGHT = ("fireflies", "hits", "collage", "texture", "zoom", "blur", "defocus")  # of Augment,
 #   tile by tile; "minify" is drawn before the tile is cut
+ON_ALBEDO = ON_LIGHT[2:]        # those that an albedo alone takes, too; normals alone not textures
 BLACK_P = 0.01                  # tiles made black: aux features alone are no light
 
 
@@ -108,6 +109,8 @@ class Batches:
         self.features = [f for f in FEATURES if f in features]
         self.table = color.HalfTable(transfer)
         self.main_channels = CHANNELS[main]
+        self.on = {"hdr": ON_LIGHT, "alb": ON_ALBEDO,
+                   "nrm": [k for k in ON_ALBEDO if k != "texture"]}.get(main, ())
         self.pairs = [(i, k) for i, p in enumerate(pictures) for k in range(len(p.inputs))]
         if not self.pairs:
             raise ToolError("no training images", DATA)
@@ -166,7 +169,7 @@ class Batches:
     def factor(self, picture: Picture, rng: np.random.Generator) -> int:
         """Pixels across of the picture in one of a tile's."""
         most = min(MINIFIED, min(picture.target.shape[:2]) // self.tile)
-        share = self.augment.minify if self.main == "hdr" else 0.0
+        share = self.augment.minify if self.main in ("hdr", "alb", "nrm") else 0.0
         if not share or most < 2 or rng.random() >= share:
             return 1
         return int(rng.integers(2, most + 1))
@@ -191,7 +194,8 @@ class Batches:
             aux = np.average([v[cut][..., m:].astype(np.float32) for v in picture.inputs], 0,
                              picture.weights)
         xm, ym = x[..., :m], y[..., :m]
-        on = {k: bool(hdr and getattr(a, k) > 0 and rng.random() < getattr(a, k)) for k in ON_LIGHT}
+        on = {k: bool(k in self.on and getattr(a, k) > 0 and rng.random() < getattr(a, k))
+              for k in ON_LIGHT}
         on["zoom"] &= picture.target_spp >= CLEANER * spp and factor == 1
         count = round(factor ** (2 * rng.random() ** 2)) if factor > 1 else 1
         spp *= count
@@ -216,7 +220,7 @@ class Batches:
                 xr, aux, yr = self.textured(xr, aux, yr, spp, rng)
             if on["defocus"]:
                 xr, aux, yr = defocused(xr, aux, yr, spp, clean, rng)
-            scale, top = np.float32(2.0**stops), np.float32(color.HDR_MAX)
+            scale, top = np.float32(2.0**stops), np.float32(color.HDR_MAX if hdr else 1.0)
             xr, yr = xr * scale, yr * scale
             if on["fireflies"]:
                 add_fireflies(xr, rng)
@@ -240,7 +244,7 @@ class Batches:
         cut = random_cut(other.target, h, w, rng)
         codes, target = other.inputs[k][cut], other.target[cut]
         features = target if clean and target.shape[-1] > m else codes
-        gain = np.float32(2.0 ** rng.uniform(-3, 3))
+        gain = np.float32(2.0 ** rng.uniform(-3, 3) if self.main == "hdr" else 1.0)
         share = figure(h, w, rng, spp / noise**2)
         edge = (share > 0) & (share < 1)
         drawn = share.copy()

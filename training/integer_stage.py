@@ -63,7 +63,8 @@ def quantize(tensors: dict[str, torch.Tensor], settings: Settings, pictures: lis
         inputs = [middle(kernel_input(x, settings, i))
                   for i, x in enumerate(spread_codes(pictures, CALIBRATION))]
         model = KernelQuantizer(kernel.FloatTrunk(net, arrays), inputs, OPTIONS).run()
-        model.bilateral = settings.get("bilateral") or 0
+        model.bilateral = settings.get("bilateral") or (
+            kernel.ALONE if settings.main_feature in ("alb", "nrm") else 0)
         return model
     if prune:
         raise ToolError("--prune is for family K", USAGE)
@@ -89,10 +90,14 @@ def kernel_input(codes: np.ndarray, settings: Settings, index: int) -> np.ndarra
     for feature in settings.features:
         part = codes[..., at:at + CHANNELS[feature]]
         at += CHANNELS[feature]
-        if feature in ("hdr", "ldr"):
-            part = color.TRANSFERS[settings.transfer].inverse(part)
-        images[FEATURES[feature]] = (part * 2 - 1 if feature == "nrm" else part).astype(np.float32)
-    if settings.main_feature == "ldr":
+        if feature == settings.main_feature:  # an albedo or normals alone, too
+            images["color"] = color.TRANSFERS[settings.transfer].inverse(part).astype(np.float32)
+        else:
+            images[FEATURES[feature]] = (part * 2 - 1 if feature == "nrm" else part).astype(
+                np.float32)
+    if settings.main_feature in ("alb", "nrm"):
+        images["normal"] = images["color"] * 2 - 1
+    if settings.main_feature != "hdr":
         return calibration_input(images, "ldr")
     return calibration_input(*varied(images, index, not settings.get("drop_features")))
 

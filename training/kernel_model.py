@@ -27,21 +27,24 @@ FEATURES = ("hdr", "ldr", "alb", "nrm")  # that the family knows
 
 def planes(codes: np.ndarray, features: list[str], has_albedo: bool = True,
            has_normal: bool = True, clipped: bool = False) -> np.ndarray:
-    """Codes [H,W,C] of the features, radiance first -> [H,W,12]; what is absent is 0, and black
-    albedo is white.
+    """Codes [H,W,C] of the features, the main one first -> [H,W,12]; what is absent is 0, and black
+    albedo is white. An albedo or normals alone stand in for the radiance, and for normals beside
+    it: their codes are linear ones.
 
-    clipped: the radiance ends at 1 (always so for `ldr`).
+    clipped: the radiance ends at 1 (always so unless it is `hdr`).
     """
     out = np.zeros((*codes.shape[:2], PLANES), np.float32)
     out[..., :3] = codes[..., :3]
     for at, flag, feature, wanted in ((3, 9, "alb", has_albedo), (6, 10, "nrm", has_normal)):
-        if wanted and feature in features:
+        if wanted and feature in features[1:]:
             k = 3 * features.index(feature)
             out[..., at:at + 3] = codes[..., k:k + 3]
             out[..., flag] = 1
+    if features[0] in ("alb", "nrm"):
+        out[..., 6:9], out[..., 10] = codes[..., :3], 1
     if out[..., 9].any():
         out[..., 3:6] = without_black(out[..., 3:6])
-    out[..., 11] = clipped or "ldr" in features
+    out[..., 11] = clipped or features[0] != "hdr"
     return out
 
 
@@ -50,17 +53,18 @@ def run(trunk: Callable[[Tensor], list[Tensor]], transfer: str, x: Tensor,
     """Codes [N,12,H,W] -> codes [N,3,H,W] of the filtered radiance, any height and width.
 
     trunk: network input (codes / 255) in `kind`, sides multiples of ALIGN -> heads by level.
-    bilateral: export.kernel.BILATERAL, steps before and after that have no weights; 0 without.
+    bilateral: export.kernel.BILATERAL, steps before and after that have no weights; 0 without. A
+    model for an albedo or normals alone finds them in x (`planes`).
     """
     radiance = from_codes(transfer, x[:, :3])
     codes = given = encode(radiance, x, kind)
     albedo = x[:, 3:6]
-    if bilateral and LAST_STEPS[bilateral].cleans:
+    if bilateral in LAST_STEPS and LAST_STEPS[bilateral].cleans:
         albedo = without_grain(albedo, x[:, 9:10])
         codes = encode(radiance, torch.cat((x[:, :3], albedo, x[:, 6:]), 1), kind)
     heads = padded_heads(trunk, codes)
     out, smooth, noise = apply_filter(heads, radiance, albedo, x[:, 9:10])
-    if bilateral:
+    if bilateral in LAST_STEPS:
         given = (given.to(x.dtype) * 255.0).round()
         normal = (2.0 * x[:, 6:9] - 1.0) * x[:, 10:11]
         out = smooth_result(out, smooth, noise, radiance, given, normal, heads[0], bilateral)

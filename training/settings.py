@@ -217,9 +217,14 @@ def _derive_model(v: dict[str, Any]) -> None:
     v |= {k: x for k, x in BY_FAMILY[net.family].items() if k in v and v[k] is None}
     if net.family == "K":
         other = [f for f in v["features"] if f not in KERNEL_FEATURES]
-        if other or v["main_feature"] not in ("hdr", "ldr"):
-            raise ToolError(f"family K takes {' '.join(KERNEL_FEATURES)}, with hdr or ldr, not "
+        if other:
+            raise ToolError(f"family K takes {' '.join(KERNEL_FEATURES)}, not "
                             f"{' '.join(v['features'])}", USAGE)
+        if v["main_feature"] in ("alb", "nrm"):
+            if v.get("bilateral"):
+                raise ToolError("--bilateral is for colour, not for an albedo or normals alone",
+                                USAGE)
+            v["transfer"] = "linear"  # the network sees these codes (kernel_model.planes)
     elif v["drop_features"] or v["clip"] or v.get("bilateral"):
         raise ToolError("--drop_features, --clip and --bilateral are options of family K", USAGE)
 

@@ -100,6 +100,8 @@ static void start(lull_engine_plan *plan, lull_opencl *cl, const lull_frame *fra
         plan->schedule.flags |= LULL_CL_NORMAL;
     if (!lull_exec_content(&plan->host.frame).is_hdr)
         plan->schedule.flags |= LULL_CL_CLIPPED;
+    if (model->graph.is_alone)
+        plan->schedule.flags |= LULL_CL_ALONE;
 }
 
 /* The frame and the model, as the core checks them: of a plan that it makes only the head fits, so

@@ -61,6 +61,8 @@ KERNEL_OF_PIXELS encode(__global uchar *memory, __global const uchar *model, lul
         get_albedo(albedo, memory, a.source[1], x, y);
     if (a.flags & LULL_CL_NORMAL)
         get_normal(normal, memory, a.source[2], x, y);
+    for (int c = 0; c < 3 && a.flags & LULL_CL_ALONE; c++)
+        normal[c] = lull_normal_code(2.0f * r[c] - 1.0f);
     code_radiance(code, r, albedo);
     for (int c = 0; c < 3; c++) {
         code[3 + c] = a.flags & LULL_CL_ALBEDO ? lull_to_code(albedo[c] * 255.0f) : 0;
@@ -69,7 +71,8 @@ KERNEL_OF_PIXELS encode(__global uchar *memory, __global const uchar *model, lul
     to[0] = (uchar4)(code[0], code[1], code[2], code[3]);
     to[1] = (uchar4)(code[4], code[5], code[6], code[7]);
     to[2] = (uchar4)(code[8], a.flags & LULL_CL_ALBEDO ? 255 : 0,
-                     a.flags & LULL_CL_NORMAL ? 255 : 0, a.flags & LULL_CL_CLIPPED ? 255 : 0);
+                     a.flags & (LULL_CL_NORMAL | LULL_CL_ALONE) ? 255 : 0,
+                     a.flags & LULL_CL_CLIPPED ? 255 : 0);
 }
 
 /* 1 if (x, y) is inside the image; if not, puts zeros there, where there is padding. */

@@ -55,18 +55,24 @@ static void backwards(void *user, unsigned count, void (*body)(void *, unsigned,
 typedef struct run_case {
     unsigned features;
     lull_content content;
-    const char *expected;
+    const char *expected, *weights;
 } run_case;
 
-static const run_case cases[] = {{7, LULL_HDR, "out_7_hdr.f32"},
-                                 {7, LULL_LDR, "out_7_ldr.f32"},
-                                 {7, LULL_SRGB, "out_7_srgb.f32"},
-                                 {1, LULL_HDR, "out_1_hdr.f32"},
-                                 {3, LULL_HDR, "out_3_hdr.f32"},
-                                 {5, LULL_LIGHTMAP_HDR, "out_5_lightmap-hdr.f32"},
-                                 {1, LULL_LIGHTMAP_DIR, "out_1_lightmap-dir.f32"},
-                                 {2, LULL_LDR, "out_2_ldr.f32"},
-                                 {4, LULL_LDR, "out_4_ldr.f32"}};
+#define ANY "weights.tza"
+#define ALONE "alone.tza" /* for an albedo or normals alone */
+
+static const run_case cases[] = {{7, LULL_HDR, "out_7_hdr.f32", ANY},
+                                 {7, LULL_LDR, "out_7_ldr.f32", ANY},
+                                 {7, LULL_SRGB, "out_7_srgb.f32", ANY},
+                                 {1, LULL_HDR, "out_1_hdr.f32", ANY},
+                                 {3, LULL_HDR, "out_3_hdr.f32", ANY},
+                                 {5, LULL_LIGHTMAP_HDR, "out_5_lightmap-hdr.f32", ANY},
+                                 {1, LULL_LIGHTMAP_DIR, "out_1_lightmap-dir.f32", ANY},
+                                 {2, LULL_LDR, "out_2_ldr.f32", ANY},
+                                 {4, LULL_LDR, "out_4_ldr.f32", ANY},
+                                 {2, LULL_LDR, "out_alone_2_ldr.f32", ALONE},
+                                 {2, LULL_SRGB, "out_alone_2_srgb.f32", ALONE},
+                                 {4, LULL_LDR, "out_alone_4_ldr.f32", ALONE}};
 
 static const unsigned variants[][5] = {/* threads, row step, strip width, in place, streamed */
                                        {1, 0, 0, 0, 0},  {3, 1, 0, 0, 0},  {2, 5, 16, 0, 0},
@@ -160,7 +166,7 @@ static void equals_the_reference(void)
 {
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
         size_t bytes;
-        void *weights = read_file("weights.tza", &bytes);
+        void *weights = read_file(cases[i].weights, &bytes);
         float *expected = read_floats(cases[i].expected);
         for (unsigned port = 0; lull_port_name(port); port++)
             for (size_t v = 0; v < sizeof variants / sizeof variants[0]; v++)
@@ -169,6 +175,34 @@ static void equals_the_reference(void)
         free(expected);
         free(weights);
     }
+}
+
+/* Models for an albedo or normals alone take no other frames, but empty ones. */
+static void models_for_features_refuse_colour(void)
+{
+    size_t bytes;
+    void *weights = read_file(ALONE, &bytes);
+    size_t model_bytes = lull_model_size(weights, bytes, LULL_PORTS_ALL);
+    void *memory = aligned(model_bytes);
+    lull_model *model;
+    lull_model_info info;
+    lull_plan *plan;
+    char none[LULL_ALIGN];
+    CHECK_EQ(lull_model_init(&model, memory, model_bytes, weights, bytes, LULL_PORTS_ALL),
+             LULL_OK);
+    lull_model_get_info(model, &info);
+    CHECK_EQ(info.is_alone, 1);
+    for (unsigned features = 1; features < 8; features++) {
+        lull_frame frame = lull_frame_default(WIDTH, HEIGHT, LULL_LDR, features);
+        int fits = features == LULL_HAS_ALBEDO || features == LULL_HAS_NORMAL;
+        CHECK_EQ(lull_plan_size(&frame, model) > 0, fits);
+        CHECK_EQ(lull_plan_init(&plan, none, 0, &frame, model),
+                 fits ? LULL_ERROR_MEMORY : LULL_ERROR_FEATURES);
+        frame.width = 0;
+        CHECK(lull_plan_size(&frame, model) > 0);
+    }
+    free(memory);
+    free(weights);
 }
 
 /* A frame so wide that loops over the filter's small levels are shared, too, and that strips do not
@@ -418,6 +452,7 @@ int main(int argc, char **argv)
     CHECK_MAIN(argc, argv);
     lull_ports_request();
     RUN(equals_the_reference);
+    RUN(models_for_features_refuse_colour);
     RUN(wide_frames_do_not_depend_on_threads_and_strips);
     RUN(calm_and_ragged_are_the_picture_s);
     RUN(calm_is_of_pictures);

@@ -119,13 +119,14 @@ static void *read_golden(const char *test, const char *name, size_t *bytes)
 }
 
 /* The model of the golden test of family K with another value of its tensor `bilateral.scale`, 1 to
- * 3, which says what the last steps are. In the file's table its name is followed by a rank, a
- * dimension, two letters and the offset of the value, a float of little endian. */
+ * 4, which says what the last steps are, or that it is for an albedo or normals alone. In the
+ * file's table its name is followed by a rank, a dimension, two letters and the offset of the
+ * value, a float of little endian. */
 static void *model_with_steps(unsigned steps, size_t *bytes)
 {
     static const char name[] = "bilateral.scale";
     static const unsigned char values[][4] = {
-        {0, 0, 0x80, 0x3f}, {0, 0, 0, 0x40}, {0, 0, 0x40, 0x40}};
+        {0, 0, 0x80, 0x3f}, {0, 0, 0, 0x40}, {0, 0, 0x40, 0x40}, {0, 0, 0x80, 0x40}};
     unsigned char *model = read_golden("kernel", "weights.tza", bytes);
     const size_t length = sizeof name - 1, row = length + 7 + 8;
     size_t at = 0, offset;
@@ -199,13 +200,15 @@ static void all_last_steps(void)
         float *images[3];
         frame f = frame_of(sizes[s], images);
 
-        for (steps = 1; steps <= 3; steps++) {
+        for (steps = 1; steps <= 4; steps++) {
             void *model = model_with_steps(steps, &f.weights_bytes);
 
             f.weights = model;
             for (i = 0; i < COUNT(rows); i++) {
                 f.content = rows[i].content;
                 f.features = rows[i].features;
+                if (steps == 4 && f.features != 2 && f.features != 4)
+                    continue;
                 if (!CHECK(same(&f, images)))
                     printf("  bilateral.scale %u\n", steps);
             }
@@ -455,14 +458,18 @@ static void equals_the_reference(void)
     static const struct {
         unsigned features;
         const char *type, *content, *expected;
-    } rows[] = {{7, "RT", "hdr", "out_7_hdr.f32"},
-                {7, "RT", NULL, "out_7_ldr.f32"},
-                {7, "RT", "srgb", "out_7_srgb.f32"},
-                {1, "RT", "hdr", "out_1_hdr.f32"},
-                {3, "RT", "hdr", "out_3_hdr.f32"},
-                {1, "RTLightmap", "directional", "out_1_lightmap-dir.f32"},
-                {2, "RT", NULL, "out_2_ldr.f32"},
-                {4, "RT", NULL, "out_4_ldr.f32"}};
+        const char *weights; /* NULL: weights.tza */
+    } rows[] = {{7, "RT", "hdr", "out_7_hdr.f32", NULL},
+                {7, "RT", NULL, "out_7_ldr.f32", NULL},
+                {7, "RT", "srgb", "out_7_srgb.f32", NULL},
+                {1, "RT", "hdr", "out_1_hdr.f32", NULL},
+                {3, "RT", "hdr", "out_3_hdr.f32", NULL},
+                {1, "RTLightmap", "directional", "out_1_lightmap-dir.f32", NULL},
+                {2, "RT", NULL, "out_2_ldr.f32", NULL},
+                {4, "RT", NULL, "out_4_ldr.f32", NULL},
+                {2, "RT", NULL, "out_alone_2_ldr.f32", "alone.tza"},
+                {2, "RT", "srgb", "out_alone_2_srgb.f32", "alone.tza"},
+                {4, "RT", NULL, "out_alone_4_ldr.f32", "alone.tza"}};
     frame f = plain;
     float *images[3], *expected, *out;
     const int one = 1;
@@ -478,7 +485,8 @@ static void equals_the_reference(void)
     images[2] = read_golden("kernel", "normal.f32", &bytes);
     out = malloc(bytes);
     for (i = 0; i < COUNT(rows); i++) {
-        void *model = read_golden("kernel", "weights.tza", &f.weights_bytes);
+        const char *file = rows[i].weights ? rows[i].weights : "weights.tza";
+        void *model = read_golden("kernel", file, &f.weights_bytes);
 
         f.weights = model;
         f.features = rows[i].features;

@@ -125,6 +125,25 @@ def test_unfinished_scenes_are_no_training_data(rendered, tmp_path):
     assert set(list_versions(tmp_path / "data")) == {"s00021/s00021"}
 
 
+def test_features_without_light(root, rendered, tmp_path):
+    """Of the same scenes, as far as their light does not decide that they are worth it."""
+    out, _ = rendered
+    run = command(root, "render", tmp_path, "--seeds", f"{SEED},21", *SMALL[:-4], "--ref", "256",
+                  "--threads", "2", "--no_light")
+    assert run.returncode == 0, run.stderr
+    for name in ("s00020", "s00021"):
+        expected = {f"{name}_{n:04d}spp.{k}.exr" for n in (1, 2, 256) for k in ("alb", "nrm")}
+        assert files(tmp_path / name) == expected | {"manifest.json"}
+        for kind in ("alb", "nrm"):
+            one, many = (read_image(tmp_path / name / f"{name}_{n:04d}spp.{kind}.exr")
+                         for n in (1, 256))
+            assert many.std() > 0.01 and (one != many).any()
+            lit = read_image(out / name / f"{name}_0004spp.{kind}.exr")
+            assert np.abs(lit - many).mean() < 0.15
+    run = command(root, "render", out, "--seeds", SEED, *SMALL, "--no_light")
+    one_line(run, 4, "render.json", "no_light")
+
+
 def test_windows_and_unaimed_paths(root, rendered, tmp_path):
     """A part of the frame, with other noise; a share of 0 changes nothing (as `rendered` shows)."""
     out, _ = rendered

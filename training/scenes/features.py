@@ -236,7 +236,8 @@ class FeaturePath(mi.SamplingIntegrator):
 
 
 class FeatureVolume(mi.SamplingIntegrator):
-    """Any other integrator for the radiance, and a walk of its own for the features."""
+    """Any other integrator for the radiance (None: it is 0), and a walk of its own for the
+    features."""
 
     def __init__(self, inner, settings: FeatureSettings, props=None):
         super().__init__(props if props is not None else mi.Properties())
@@ -246,7 +247,9 @@ class FeatureVolume(mi.SamplingIntegrator):
         return _names()
 
     def sample(self, scene, sampler, ray, medium=None, active=True):
-        radiance, valid, _ = self.inner.sample(scene, sampler, ray, medium, active)
+        radiance, valid = mi.Color3f(0.0), mi.Bool(active)
+        if self.inner:
+            radiance, valid, _ = self.inner.sample(scene, sampler, ray, medium, active)
         a, n = self.walk(scene, sampler, ray, medium, active)
         return _finite(radiance), valid, _channels(a, n)
 

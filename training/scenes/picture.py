@@ -17,6 +17,8 @@ from training.errors import OUTPUT, ToolError
 
 from .files import write_exr
 
+KINDS = ("hdr", "alb", "nrm")
+AUX = KINDS[1:]
 PASS_SAMPLES = 1 << 22   # camera samples in flight at once: bounds memory (about 1 GB)
 
 
@@ -69,9 +71,11 @@ def clean(image: np.ndarray) -> tuple[np.ndarray, int]:
     return np.where(bad[..., None], 0.0, image), int(bad.sum())
 
 
-def write_level(folder: str, name: str, spp: int, image: np.ndarray, bits: int) -> None:
-    """name_SSSSspp.{hdr,alb,nrm}.exr"""
-    for k, kind in enumerate(("hdr", "alb", "nrm")):
+def write_level(folder: str, name: str, spp: int, image: np.ndarray, bits: int,
+                kinds: tuple[str, ...] = KINDS) -> None:
+    """name_SSSSspp.{hdr,alb,nrm}.exr, those of `kinds`"""
+    for kind in kinds:
+        k = KINDS.index(kind)
         part = image[..., 3 * k: 3 * k + 3]
         if kind == "hdr":
             part = np.maximum(part, 0.0)
@@ -98,12 +102,13 @@ def folder(out: str, name: str):
 
 
 def write_group(mi, out: str, name: str, scene, integrators, shot: Shot, noisy: list[int],
-                target: int, seed: int, gain: float = 1.0, bits: tuple[int, int] = (10, 10)
-                ) -> dict:
+                target: int, seed: int, gain: float = 1.0, bits: tuple[int, int] = (10, 10),
+                kinds: tuple[str, ...] = KINDS) -> dict:
     """Renders all levels into out/name, which appears only when complete; returns figures.
 
     integrators: of the noisy versions and of the target; noisy, target: samples per pixel; gain
-    multiplies the radiance; bits: mantissa of the noisy files and of the target.
+    multiplies the radiance; bits: mantissa of the noisy files and of the target; kinds: of KINDS,
+    those to write.
     """
     figures: dict = {"seconds": {}, "non_finite": 0}
     with folder(out, name) as temporary:
@@ -112,7 +117,7 @@ def write_group(mi, out: str, name: str, scene, integrators, shot: Shot, noisy: 
             image, bad = clean(render(mi, scene, integrators[spp == target], shot, spp,
                                       seed * 1000 + spp))
             image[..., :3] *= gain
-            write_level(temporary, name, spp, image, bits[spp == target])
+            write_level(temporary, name, spp, image, bits[spp == target], kinds)
             figures["seconds"][f"{spp:04d}"] = round(time.process_time() - start, 2)
             figures["non_finite"] += bad
     return figures

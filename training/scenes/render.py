@@ -43,6 +43,8 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--unaimed", type=float, default=0.0, metavar="P",
                    help="share of scenes whose noisy versions meet lights by chance (where no fog, "
                    "point or spot light forbids it); targets sample lights as ever")
+    p.add_argument("--no_light", action="store_true", help="albedo and normals alone, as models "
+                   "that denoise these are trained with: only the paths to them are traced")
     return p
 
 
@@ -55,8 +57,11 @@ def draw_counts(rng: np.random.Generator, counts: list[int], pick: int, target: 
     return sorted(int(c) for c in rng.choice(counts, pick, replace=False, p=p / p.sum()))
 
 
-def judge(image: np.ndarray) -> str:
-    """Why a pilot picture (h, w, 9) is not worth rendering, or ""."""
+def judge(image: np.ndarray, lit: bool) -> str:
+    """Why a pilot picture (h, w, 9) is not worth rendering, or ""; lit: radiance counts."""
+    shapes = image[..., 3:].reshape(-1, 6).std(0).sum()
+    if not lit:
+        return "flat" if shapes < 0.1 else ""
     light = np.nan_to_num(image[..., :3].mean(-1), posinf=0.0).clip(0)
     white = np.percentile(light, 95)
     if not white > 0:
@@ -64,7 +69,6 @@ def judge(image: np.ndarray) -> str:
     if (light > 0.01 * white).mean() < 0.4:
         return "mostly black"
     spread = np.std(np.log(light + 0.02 * white))
-    shapes = image[..., 3:].reshape(-1, 6).std(0).sum()
     return "flat" if spread < 0.1 or shapes < 0.1 else ""
 
 
@@ -95,24 +99,29 @@ def render_seed(mi, seed: int, args: argparse.Namespace, assets) -> dict:
             why.append(str(err))
             continue
         st = built.settings
-        integrator = features.make(st.features, st.max_depth, st.fog > 0)
-        by_chance = features.make(st.features, st.max_depth, st.fog > 0, st.aimed)
+        if args.no_light:
+            integrator = by_chance = features.FeatureVolume(None, st.features)
+        else:
+            integrator = features.make(st.features, st.max_depth, st.fog > 0)
+            by_chance = features.make(st.features, st.max_depth, st.fog > 0, st.aimed)
         shot = picture.shot(mi, built.camera, width, height, st.rfilter, st.sampler)
         one, two = (picture.clean(picture.render(mi, built.scene, integrator, shot, PILOT,
                                                  seed * 1000 + k))[0] for k in (998, 999))
         pilot = (one + two) / 2
         noise = pilot_noise(one, two)
-        fault = judge(pilot) or ("too noisy" if noise > HOPELESS else "")
+        fault = judge(pilot, not args.no_light) or ("too noisy" if noise > HOPELESS else "")
         if fault:
             why.append(fault)
             continue
         light = pilot[..., :3].mean(-1)
-        gain = float(np.exp(st.log_exposure) / light.clip(0, np.percentile(light, 97)).mean())
+        gain = 1.0 if args.no_light else float(
+            np.exp(st.log_exposure) / light.clip(0, np.percentile(light, 97)).mean())
         rng = np.random.default_rng([seed, 99])
         target = next((n for n in targets if noise_at(noise, n) < CLEAN), targets[-1])
         noisy = draw_counts(rng, counts, args.pick, target)
         figures = picture.write_group(mi, args.out, name, built.scene, (by_chance, integrator),
-                                      shot, noisy, target, seed, gain, bit_pair(args.bits))
+                                      shot, noisy, target, seed, gain, bit_pair(args.bits),
+                                      picture.AUX if args.no_light else picture.KINDS)
         manifest = {**st.manifest(), "size": [width, height], "noisy": noisy, "target": target,
                     "gain": gain, "noise": round(noise_at(noise, target), 4), "rejected": why,
                     "variant": args.variant, "mitsuba": mi.__version__, **figures,
@@ -125,12 +134,13 @@ def render_seed(mi, seed: int, args: argparse.Namespace, assets) -> dict:
 def _same_options(out: str, args: argparse.Namespace) -> None:
     """Keeps a data set from being mixed out of different options."""
     keep = {k: getattr(args, k) for k in ("size", "spp", "pick", "ref", "plain", "bits",
-                                         "windows", "unaimed")}
+                                         "windows", "unaimed", "no_light")}
     keep["assets"] = bool(args.assets)
     path = os.path.join(out, "render.json")
     if os.path.exists(path):
         with open(path) as f:
-            had = {"windows": 0.0, "unaimed": 0.0} | json.load(f)  # folders from before them
+            before = {"windows": 0.0, "unaimed": 0.0, "no_light": False}  # folders from before them
+            had = before | json.load(f)
         options.check_same(path, "folder was rendered", had, keep)
         return
     with replacing(Path(path)) as tmp:
