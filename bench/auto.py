@@ -34,11 +34,13 @@ TAKEN = re.compile(r"^  quality=(\w+)$", re.MULTILINE)
 
 @functools.cache
 def multiply_adds() -> dict[str, float]:
-    """Thousands per pixel that the built-in model of each quality takes, from weights/MANIFEST."""
+    """Thousands per pixel that the built-in model of each quality takes for a colour, from
+    weights/MANIFEST."""
     text = (manifest.FOLDER / "builtin.def").read_text()
     nets = {row["file"]: row["net"] for row in manifest.read(manifest.FOLDER / "MANIFEST")}
     found = {}
-    for file, quality in re.findall(r'^BUILTIN\(\w+, "([^"]+)"[^)]*?(\w+)\)$', text, re.MULTILINE):
+    for file, quality in re.findall(r'^BUILTIN\(\w+, "([^"]+)"[^)]*ANY_FEATURES[^)]*?(\w+)\)$',
+                                    text, re.MULTILINE):
         found[quality.lower()] = float(re.search(r"([\d.]+) kMAC/px", nets[file])[1])
     return {quality: found[quality] for quality in QUALITIES}
 

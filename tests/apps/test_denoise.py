@@ -66,7 +66,9 @@ def test_json_of_a_failure(denoise, work):
 
 
 SETS = {"hdr alb nrm": ALL, "hdr alb": ALL[:4], "hdr": ALL[:2], "hdr nrm": ALL[:2] + ALL[4:],
-        "ldr alb nrm": ("--ldr", "color.pfm", *ALL[2:]), "alb": ("--alb", "albedo.pfm")}
+        "ldr alb nrm": ("--ldr", "color.pfm", *ALL[2:]), "alb": ALL[2:4], "nrm": ALL[4:],
+        "alb srgb": (*ALL[2:4], "--srgb")}
+ALONE = {"alb": "kernel5_alb", "nrm": "kernel5_nrm", "alb srgb": "kernel5_alb"}
 CHOSEN = {"high": "kernel5_32", "balanced": "kernel5_12", "fast": "kernel5_8"}
 
 
@@ -75,7 +77,7 @@ CHOSEN = {"high": "kernel5_32", "balanced": "kernel5_12", "fast": "kernel5_8"}
 def test_which_model_is_built_in_for_what(denoise, frame, quality, images):
     """The one that weights/builtin.def names for the quality and the images that there are."""
     chosen = denoise(*SETS[images], "-q", quality, "-o", "a.pfm", "--json")
-    file = WEIGHTS / f"{CHOSEN[quality]}.tza"
+    file = WEIGHTS / f"{ALONE.get(images, CHOSEN[quality])}.tza"
     given = denoise(*SETS[images], "-w", file, "-o", "b.pfm", "--json")
     assert (chosen.code, given.code) == (0, 0)
     assert chosen.json["runs"][0]["hash"] == given.json["runs"][0]["hash"]
