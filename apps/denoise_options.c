@@ -107,7 +107,7 @@ static const option table[] = {
     FLAG("clean_aux clean-aux cleanAux cleanaux", is_aux_clean, 1,
          "albedo and normals have no noise"),
     FLAG("prefilter", is_prefiltering, 1,
-         "denoise the albedo first: may help at 1 to 4 samples of fine textures; twice the time"),
+         "denoise the albedo first: may help at 1 to 4 samples of fine textures"),
     CALL("layer layers", set_layer, 1, "ROLE=NAME",
          "layer that is color, albedo, normal or motion: its name, channels a,b,c, or none"),
     FLAG("no_aux no-aux noAux noaux", only_given, 1,
