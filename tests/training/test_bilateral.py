@@ -65,7 +65,7 @@ def test_it_changes_the_picture():
 
 def test_other_values_are_refused(build, work):
     path = work / "weights.tza"
-    write_tensors(path, dict(Reader(SMOOTHS)) | {kernel.BILATERAL: np.full(1, 4, np.float32)})
+    write_tensors(path, dict(Reader(SMOOTHS)) | {kernel.BILATERAL: np.full(1, 5, np.float32)})
     with pytest.raises(ModelError, match=kernel.BILATERAL):
         kernel.load(path)
     write_pfm(work / "color.pfm", noisy(16, 1, 1)["color"])

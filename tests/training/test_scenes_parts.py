@@ -204,6 +204,9 @@ def test_judge_names_degenerate_pictures():
     good = rng.random((16, 16, 9)).astype(np.float32)
     assert render.judge(good) == ""
     assert render.judge(good * 0) == "black"
+    assert render.judge(good * 0, lit=False) == "flat"
+    unlit = np.concatenate([good[..., :3] * 0, good[..., 3:]], -1)
+    assert render.judge(unlit) == "black" and render.judge(unlit, lit=False) == ""
     dark = good.copy()
     dark[:12, :, :3] = 0
     assert render.judge(dark) == "mostly black"

@@ -57,7 +57,7 @@ def draw_counts(rng: np.random.Generator, counts: list[int], pick: int, target: 
     return sorted(int(c) for c in rng.choice(counts, pick, replace=False, p=p / p.sum()))
 
 
-def judge(image: np.ndarray, lit: bool) -> str:
+def judge(image: np.ndarray, lit: bool = True) -> str:
     """Why a pilot picture (h, w, 9) is not worth rendering, or ""; lit: radiance counts."""
     shapes = image[..., 3:].reshape(-1, 6).std(0).sum()
     if not lit:
