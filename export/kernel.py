@@ -271,8 +271,7 @@ def apply_filter(heads: list[np.ndarray], radiance: np.ndarray, albedo: np.ndarr
     for level in range(LEVELS - 2, -1, -1):
         f = filtered[level]
         out = f + blends[level] * (_upsampled(out, f.shape) - f)
-    if bilateral in LAST_STEPS:
-        steps = LAST_STEPS[bilateral]
+    if steps := LAST_STEPS.get(bilateral):
         noise = noise_codes(confident[0], filtered[0])
         out = smoothed(out, noise, guide, steps.corrects)
         if steps.regresses and (albedo is not None or normal is not None):
@@ -321,7 +320,8 @@ def run_frame(model: IntTrunk, frame: pixels.Frame, channels: int = 3) -> np.nda
     codes = encode(r, aux["albedo"], aux["normal"], not rule.is_hdr)
     guide = guide_of(codes)
     raggedness = ragged(np.minimum(r, RADIANCE_MAX), aux["albedo"])
-    if aux["albedo"] is not None and model.bilateral == ALL_STEPS:
+    steps = LAST_STEPS.get(model.bilateral)
+    if aux["albedo"] is not None and steps and steps.cleans:
         aux["albedo"] = without_grain(aux["albedo"], codes)
         codes = encode(r, aux["albedo"], aux["normal"], not rule.is_hdr)
     maps = model.maps(padded(codes))

@@ -23,23 +23,17 @@ from training import errors
 from training.features import add_layers, parse_layers
 
 
-def active_shares(model: FloatModel | IntModel,
-                  inputs: Iterable[np.ndarray]) -> dict[str, np.ndarray]:
-    """By layer, the share of pixels in which each of its channels is above 0, in the mean over the
-    pictures. inputs: as of `model.maps`."""
+def active_channels(model: FloatModel | IntModel, inputs: Iterable[np.ndarray],
+                    least: float = 0.0) -> dict[str, np.ndarray]:
+    """By layer, which of its channels are above 0 in more than a share `least` of the pixels, in
+    the mean over the pictures. inputs: as of `model.maps`."""
     shares: dict[str, np.ndarray] = {}
     count = 0
     for x in inputs:
         for name, values in model.maps(x).items():
             shares[name] = shares.get(name, 0.0) + (values > 0).mean((0, 1))
         count += 1
-    return {name: total / count for name, total in shares.items()}
-
-
-def active_channels(model: FloatModel | IntModel, inputs: Iterable[np.ndarray],
-                    least: float = 0.0) -> dict[str, np.ndarray]:
-    """By layer, which of its channels are above 0 in more than a share `least` of the pixels."""
-    return {name: share > least for name, share in active_shares(model, inputs).items()}
+    return {name: total / count > least for name, total in shares.items()}
 
 
 def kept_channels(active: np.ndarray) -> np.ndarray:

@@ -169,7 +169,7 @@ class Batches:
     def factor(self, picture: Picture, rng: np.random.Generator) -> int:
         """Pixels across of the picture in one of a tile's."""
         most = min(MINIFIED, min(picture.target.shape[:2]) // self.tile)
-        share = self.augment.minify if self.main in ("hdr", "alb", "nrm") else 0.0
+        share = self.augment.minify if self.main in ("hdr", *kernel_model.LONE) else 0.0
         if not share or most < 2 or rng.random() >= share:
             return 1
         return int(rng.integers(2, most + 1))

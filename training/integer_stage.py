@@ -31,6 +31,7 @@ from training.data import Batches, Picture
 from training.errors import STATE, USAGE, ToolError
 from training.features import encode
 from training.kernel_integer import IntegerKernel
+from training.kernel_model import LONE
 from training.loss import loss_of_settings
 from training.pictures import read_raw, scan_set
 from training.quantize_aware import IntegerNet, fine_tune, held_out, judge
@@ -64,7 +65,7 @@ def quantize(tensors: dict[str, torch.Tensor], settings: Settings, pictures: lis
                   for i, x in enumerate(spread_codes(pictures, CALIBRATION))]
         model = KernelQuantizer(kernel.FloatTrunk(net, arrays), inputs, OPTIONS).run()
         model.bilateral = settings.get("bilateral") or (
-            kernel.ALONE if settings.main_feature in ("alb", "nrm") else 0)
+            kernel.ALONE if settings.main_feature in LONE else 0)
         return model
     if prune:
         raise ToolError("--prune is for family K", USAGE)
@@ -95,7 +96,7 @@ def kernel_input(codes: np.ndarray, settings: Settings, index: int) -> np.ndarra
         else:
             images[FEATURES[feature]] = (part * 2 - 1 if feature == "nrm" else part).astype(
                 np.float32)
-    if settings.main_feature in ("alb", "nrm"):
+    if settings.main_feature in LONE:
         images["normal"] = images["color"] * 2 - 1
     if settings.main_feature != "hdr":
         return calibration_input(images, "ldr")

@@ -23,6 +23,7 @@ from training.trunk import arithmetic
 PLANES = 12     # 0-2 radiance code, 3-5 albedo, 6-8 normal code, 9-11 flags (below)
 LOWEST = 1e-6   # radiance below this has no gradient worth following in a transfer function
 FEATURES = ("hdr", "ldr", "alb", "nrm")  # that the family knows
+LONE = ("alb", "nrm")                    # those that are the main one where they are alone
 
 
 def planes(codes: np.ndarray, features: list[str], has_albedo: bool = True,
@@ -40,7 +41,7 @@ def planes(codes: np.ndarray, features: list[str], has_albedo: bool = True,
             k = 3 * features.index(feature)
             out[..., at:at + 3] = codes[..., k:k + 3]
             out[..., flag] = 1
-    if features[0] in ("alb", "nrm"):
+    if features[0] in LONE:
         out[..., 6:9], out[..., 10] = codes[..., :3], 1
     if out[..., 9].any():
         out[..., 3:6] = without_black(out[..., 3:6])
@@ -59,12 +60,13 @@ def run(trunk: Callable[[Tensor], list[Tensor]], transfer: str, x: Tensor,
     radiance = from_codes(transfer, x[:, :3])
     codes = given = encode(radiance, x, kind)
     albedo = x[:, 3:6]
-    if bilateral in LAST_STEPS and LAST_STEPS[bilateral].cleans:
+    steps = LAST_STEPS.get(bilateral)
+    if steps and steps.cleans:
         albedo = without_grain(albedo, x[:, 9:10])
         codes = encode(radiance, torch.cat((x[:, :3], albedo, x[:, 6:]), 1), kind)
     heads = padded_heads(trunk, codes)
     out, smooth, noise = apply_filter(heads, radiance, albedo, x[:, 9:10])
-    if bilateral in LAST_STEPS:
+    if steps:
         given = (given.to(x.dtype) * 255.0).round()
         normal = (2.0 * x[:, 6:9] - 1.0) * x[:, 10:11]
         out = smooth_result(out, smooth, noise, radiance, given, normal, heads[0], bilateral)

@@ -19,6 +19,7 @@ from typing import Any
 from training.errors import DATA, USAGE, Parser, ToolError
 from training.features import main_feature, parse_layers, short_names
 from training.kernel_model import FEATURES as KERNEL_FEATURES
+from training.kernel_model import LONE
 from training.loss import RT_WEIGHTS
 from training.options import (BY_FAMILY, KERNEL_LR, LR_PER_SAMPLE, LR_PER_SAMPLE_DEFAULT,
                               MODEL_BY_NET, MODEL_BY_QUALITY, OPTIONS, POSITIONAL, SCRIPTS, Option)
@@ -220,7 +221,7 @@ def _derive_model(v: dict[str, Any]) -> None:
         if other:
             raise ToolError(f"family K takes {' '.join(KERNEL_FEATURES)}, not "
                             f"{' '.join(v['features'])}", USAGE)
-        if v["main_feature"] in ("alb", "nrm"):
+        if v["main_feature"] in LONE:
             if v.get("bilateral"):
                 raise ToolError("--bilateral is for colour, not for an albedo or normals alone",
                                 USAGE)
