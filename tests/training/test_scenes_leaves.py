@@ -18,7 +18,8 @@ def draw(out, *more):
 
 
 @pytest.mark.parametrize("seed, style", [*((s, "any") for s in range(6)),
-                                         (6, "sparks"), (7, "soft")])
+                                         (6, "sparks"), (7, "soft"), (2, "rooms"),
+                                         (3, "rooms")])
 def test_target_is_the_mean_of_the_samples(seed, style):
     """Of all nine channels, by blocks of 4x4 pixels, within what is left of the noise."""
     stage = leaves.Stage(32, 32, np.random.default_rng([seed, 7]), leaves.STYLES[style])

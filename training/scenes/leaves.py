@@ -1,10 +1,11 @@
 """Draw pictures to train on without a renderer: python -m training.scenes.leaves OUT --seeds 0:1000
 
-Overlapping figures ("dead leaves") with albedo, normals, textures, shadows, reflections and lamps,
-and noisy versions as of a path tracer: every sample falls on a point of the pixel, sees a light or
-not, and finds indirect light by chance. The target is the expectation of all that, without noise.
-A picture takes a fraction of a second. OUT/NAME/ holds NAME_SSSSspp.{hdr,alb,nrm}.exr, the target
-under 4096 samples, and manifest.json. Finished pictures are skipped.
+Overlapping figures ("dead leaves") or rooms of boxes, with albedo, normals, textures, shadows,
+reflections and lamps, and noisy versions as of a path tracer: every sample falls on a point of the
+pixel, sees a light or not, and finds indirect light by chance. The target is the expectation of
+all that, without noise. A picture takes a fraction of a second, a room some seconds. OUT/NAME/
+holds NAME_SSSSspp.{hdr,alb,nrm}.exr, the target under 4096 samples, and manifest.json. Finished
+pictures are skipped.
 """
 
 from __future__ import annotations
@@ -18,11 +19,10 @@ import numpy as np
 from training import errors
 from training.augment import waves
 
-from . import options, picture, textures
+from . import boxes, figures, options, picture, textures
 from .files import HALF_MAX
 from .options import bit_pair, count_list, size_pair
 
-SIDE = 3               # points of a pixel: SIDE x SIDE
 TARGET = 4096          # samples that the target stands for
 BITMAPS, TEXELS = 5, 128
 
@@ -32,10 +32,13 @@ class Style(NamedTuple):
     logarithm. octaves: indirect light is found in one sample of 2^first to 2^second, with such a
     deviation from figure to figure; None: in more of them."""
     what: str
+    side: int = 3                                  # points of a pixel: side x side
+    is_room: bool = False                          # of boxes, not figures
     figures: tuple[float, float] = (8, 300)
     least: tuple[float, float] | None = (0.6, 3)   # pixels; None: a twentieth of the width
     textured: float = 0.8                          # most of the figures
-    bumpy: float = 0.2                             # share of the figures
+    bumpy: float = 0.2                             # shares of the figures
+    rounded: float = 0.3
     lamps: tuple[float, ...] = (0, 0.01, 0.1)      # shares of the figures
     lamp_power: tuple[float, float] = (1.5, 1.5)
     lamp_albedo: float = 1.0
@@ -56,6 +59,9 @@ STYLES = {
     "soft": Style("light that changes slowly: soft shadows, even indirect light, hardly a mirror",
                   figures=(3, 100), least=(2, 10), textured=0.6, bumpy=0.03, lamps=(0, 0.01),
                   metals=0.0, shine=0.1, octaves=(0, 6, 0.2), is_soft=True),
+    "rooms": Style("interiors of boxes: long straight edges, lines finer than a pixel, glass",
+                   side=4, is_room=True, textured=0.5, bumpy=0.05, rounded=0.0, metals=0.1,
+                   lamps=(0, 0.003)),
 }
 
 
@@ -85,107 +91,83 @@ def blur(a: np.ndarray, r: int) -> np.ndarray:
     return a.astype(np.float32)
 
 
-def inside(kind: int, u: np.ndarray, v: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Which points (u, v) of [-1,1]^2 belong to a figure of a kind."""
-    box = np.maximum(np.abs(u), np.abs(v)) < 1
-    if kind == 0:
-        return u * u + v * v < 1
-    if kind == 1:
-        return box
-    if kind == 2:  # convex polygon
-        angles = rng.uniform(0, 2 * np.pi, int(rng.integers(3, 8)))
-        return box & (np.max([u * np.cos(a) + v * np.sin(a) for a in angles], 0)
-                      < rng.uniform(0.3, 0.8))
-    if kind == 3:
-        return np.abs(np.hypot(u, v) - 0.8) < rng.uniform(0.02, 0.2)
-    if kind == 4:  # bars, or a lattice
-        k, duty = rng.integers(3, 24, 2), rng.uniform(0.15, 0.6)
-        bars = (u * k[0]) % 1 < duty
-        return box & (bars | ((v * k[1]) % 1 < duty) if rng.random() < 0.4 else bars)
-    cut = textures.leaf_mask(rng, 64)
-    at = ((np.stack([v, u]) * 0.5 + 0.5) * 64).astype(int).clip(0, 63)
-    return box & (cut[at[0], at[1]] > 0.5)
-
-
-def paint(h: int, w: int, count: int, sizes: tuple[float, float], rng: np.random.Generator):
-    """Numbers of the figures seen at the points of [h,w] (0: behind all), and their own u, v."""
-    number = np.zeros((h, w), np.int32)
-    v, u = (np.broadcast_to(t, (h, w)).astype(np.float32) for t in
-            (np.linspace(-1, 1, h)[:, None], np.linspace(-1, 1, w)))
-    u, v = u.copy(), v.copy()
-    power = rng.uniform(-2.5, -0.5)
-    a, b = sizes[0] ** power, sizes[1] ** power
-    radii = (a + rng.random(count) * (b - a)) ** (1 / power)
-    if rng.random() < 0.6:
-        radii = np.sort(radii)[::-1]
-    large = int(rng.integers(0, 9))  # behind the others
-    radii[:large] = rng.uniform(0.15, 0.8, len(radii[:large])) * w
-    for i, r in enumerate(radii):
-        aspect = np.exp(rng.normal(0, 0.5)) if rng.random() < 0.8 else rng.uniform(0.02, 0.15)
-        x, y, turn = rng.uniform(0, w), rng.uniform(0, h), rng.uniform(0, 2 * np.pi)
-        if rng.random() < 0.4:
-            turn = rng.normal(0, 0.03)
-        ru, rv = r * np.sqrt(aspect), max(r / np.sqrt(aspect), 0.5)
-        reach = np.hypot(ru, rv)
-        ys = slice(max(0, int(y - reach)), max(0, min(h, int(y + reach) + 1)))
-        xs = slice(max(0, int(x - reach)), max(0, min(w, int(x + reach) + 1)))
-        dy = (np.arange(ys.start, ys.stop) - y)[:, None].astype(np.float32)
-        dx = (np.arange(xs.start, xs.stop) - x).astype(np.float32)
-        c, s = np.float32(np.cos(turn)), np.float32(np.sin(turn))
-        uu, vv = (c * dx + s * dy) / np.float32(ru), (c * dy - s * dx) / np.float32(rv)
-        kind = int(rng.choice(6, p=[0.25, 0.3, 0.2, 0.08, 0.09, 0.08]))
-        m = inside(kind, uu, vv, rng)
-        number[ys, xs][m] = i + 1
-        u[ys, xs][m] = uu[m]
-        v[ys, xs][m] = vv[m]
-    return number, u, v
-
-
 def unit(v: np.ndarray) -> np.ndarray:
     return v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-9)
 
 
-def surfaces(number, u, v, count: int, rng: np.random.Generator, style: Style):
+class Seen(NamedTuple):
+    """What the points show: numbers of surfaces [h,w] int32 (0: behind all) and places u, v on
+    them; count: the highest number; whose [count + 1]: colours that they have; base
+    [count + 1,3]: their normals, None: any; pane [h / 2,w]: share of the samples that see the
+    lower half of h in the place of the upper, None: there is but one half."""
+    number: np.ndarray
+    u: np.ndarray
+    v: np.ndarray
+    count: int
+    whose: np.ndarray
+    base: np.ndarray | None = None
+    pane: np.ndarray | None = None
+
+
+def painted(h: int, w: int, rng: np.random.Generator, style: Style) -> Seen:
+    """A picture of h x w pixels in a style: its points."""
+    h, w = h * style.side, w * style.side
+    if style.is_room:
+        room = boxes.paint(h, w, rng)
+        frame = np.linalg.qr(rng.normal(size=(3, 3)))[0] if rng.random() < 0.5 else np.eye(3)
+        return Seen(room.number, room.u, room.v, len(room.axis) - 1, room.body,
+                    frame[room.axis] * room.sign[:, None], room.pane)
+    count = int(np.exp(rng.uniform(*np.log(style.figures))))
+    least = style.side * rng.uniform(*style.least) if style.least else 0.05 * w
+    sizes = least, rng.uniform(0.15, 0.6) * w
+    return Seen(*figures.paint(h, w, count, sizes, rng), count, np.arange(count + 1))
+
+
+def surfaces(seen: Seen, rng: np.random.Generator, style: Style):
     """Albedo and normals of the points, [h,w,3] each."""
-    n = count + 1
+    number, u, v, n = seen.number, seen.u, seen.v, seen.count + 1
+    whose = seen.whose[number]
     bitmaps = np.stack([textures.picture(rng, TEXELS, colour) for _ in range(BITMAPS)])
     which, scale = rng.integers(BITMAPS, size=n), 2.0 ** rng.uniform(-2, 2.5, n)
-    at_u, at_v = ((t * scale[number] + rng.random(n)[number]) * TEXELS % TEXELS for t in (u, v))
-    texel = which[number], at_v.astype(int) % TEXELS, at_u.astype(int) % TEXELS
+    at_u, at_v = ((t * scale[whose] + rng.random(n)[whose]) * TEXELS % TEXELS for t in (u, v))
+    texel = which[whose], at_v.astype(int) % TEXELS, at_u.astype(int) % TEXELS
     plain = np.stack([colour(rng) for _ in range(n)])
     textured = (rng.random(n) < rng.uniform(0, style.textured)).astype(np.float32)
-    depth = (rng.uniform(0.2, 1, n) * textured)[number][..., None]
-    albedo = plain[number] * (1 - depth) + bitmaps[texel] * depth
+    depth = (rng.uniform(0.2, 1, n) * textured)[whose][..., None]
+    albedo = plain[whose] * (1 - depth) + bitmaps[texel] * depth
     frame = np.linalg.qr(rng.normal(size=(3, 3)))[0]  # of the room: most planes lie along it
     along = rng.random(n)[:, None] < rng.uniform(0, 0.9)
     base = unit(np.where(along, frame[rng.integers(3, size=n)] * rng.choice([-1, 1], (n, 1)),
                          rng.normal(size=(n, 3))))
+    if seen.base is not None:
+        base = seen.base
     across = unit(np.cross(base, rng.normal(size=(n, 3))))
     third = np.cross(base, across)
-    round_u, round_v = (rng.uniform(0.3, 2, n) * (rng.random(n) < 0.3) for _ in range(2))
+    round_u, round_v = (rng.uniform(0.3, 2, n) * (rng.random(n) < style.rounded)
+                        for _ in range(2))
     height = bitmaps.mean(-1)
     bump = rng.uniform(0.5, 6, n) * (rng.random(n) < style.bumpy)
     slope_u, slope_v = ((np.roll(height, -1, axis) - np.roll(height, 1, axis))[texel]
                         for axis in (2, 1))
-    tilt_u = round_u[number] * u + bump[number] * slope_u
-    tilt_v = round_v[number] * v + bump[number] * slope_v
+    tilt_u = round_u[number] * u + bump[whose] * slope_u
+    tilt_v = round_v[number] * v + bump[whose] * slope_v
     normal = unit(base[number] + tilt_u[..., None] * across[number]
                   + tilt_v[..., None] * third[number])
     return albedo.astype(np.float32), normal.astype(np.float32)
 
 
-def shadow(h: int, w: int, number, count: int, rng: np.random.Generator,
-           is_soft: bool) -> np.ndarray:
+def shadow(number, count: int, rng: np.random.Generator, style: Style) -> np.ndarray:
     """Share of a light that the points see, [h,w]: figures with sharp or soft edges, moved from
     surface to surface; or very soft ones, the same on all."""
+    (h, w), side = number.shape, style.side
     few = int(rng.integers(1, 40))
-    mask = (paint(h, w, few, (6, 0.5 * w), rng)[0] == 0).astype(np.float32)
+    mask = (figures.paint(h, w, few, (6, 0.5 * w), rng)[0] == 0).astype(np.float32)
     if rng.random() < 0.5:
         mask = 1 - mask
-    if is_soft:
-        r = int(SIDE * rng.uniform(4, 25))
+    if style.is_soft:
+        r = int(side * rng.uniform(4, 25))
         return blur(blur(mask, r), r // 2)
-    r = int(SIDE * rng.uniform(0, 3) ** 2.5) if rng.random() < 0.8 else 0
+    r = int(side * rng.uniform(0, 3) ** 2.5) if rng.random() < 0.8 else 0
     mask = blur(blur(mask, r), r // 2)
     move = rng.integers(0, w // 3, (count + 1, 2))
     y, x = np.indices((h, w))
@@ -197,16 +179,13 @@ class Stage:
     them, the rest is common to all points."""
 
     def __init__(self, h: int, w: int, rng: np.random.Generator, style: Style = STYLES["any"]):
-        self.h, self.w = h * SIDE, w * SIDE
-        h, w = self.h, self.w
-        count = int(np.exp(rng.uniform(*np.log(style.figures))))
-        least = SIDE * rng.uniform(*style.least) if style.least else 0.05 * w
-        sizes = least, rng.uniform(0.15, 0.6) * w
-        number, u, v = paint(h, w, count, sizes, rng)
-        n = count + 1
-        albedo, normal = surfaces(number, u, v, count, rng, style)
+        self.h, self.w, self.side = h * style.side, w * style.side, style.side
+        seen = painted(h, w, rng, style)
+        number, count, self.pane = seen.number, seen.count, seen.pane
+        (h, w), n = number.shape, count + 1
+        albedo, normal = surfaces(seen, rng, style)
         gap = rng.random(n).astype(np.float32)[number]  # nearness, for the dark of corners
-        corner = np.clip(blur(gap, int(rng.integers(2, 12) * SIDE)) - gap, 0, 1)
+        corner = np.clip(blur(gap, int(rng.integers(2, 12) * style.side)) - gap, 0, 1)
         open_share = np.exp(-rng.uniform(0, 4) * corner)[..., None]
         self.lights, direct = [], np.zeros((h, w, 3), np.float32)
         for _ in range(int(rng.integers(0, 3)) if rng.random() < 0.7 else 1):
@@ -214,11 +193,11 @@ class Stage:
             falling = np.exp(rng.uniform(0, 1) * waves(h, w, rng)[0] / 2)
             power = np.exp(rng.normal(0, 1)) * (1 - rng.uniform(0, 0.6, 3) * rng.random())
             full = (np.clip(facing, 0, 1) * falling)[..., None] * power * 3
-            seen = shadow(h, w, number, count, rng, style.is_soft)
+            free = shadow(number, count, rng, style)
             chance = 1.0 if rng.random() < 0.6 else 2.0 ** rng.uniform(-7, 0)
-            self.lights.append((full.astype(np.float32), seen, chance))
-            direct += full * seen[..., None]
-        long = rng.uniform(40, 600) * SIDE
+            self.lights.append((full.astype(np.float32), free, chance))
+            direct += full * free[..., None]
+        long = rng.uniform(40, 600) * style.side
         field = np.mean([np.sin((np.indices((h, w)) * rng.normal(size=(2, 1, 1))).sum(0)
                                 * (6.28 / long) + rng.uniform(0, 6.28)) for _ in range(4)], 0)
         level = rng.normal(-0.5, 1) + rng.uniform(0, 1.5) * field
@@ -240,7 +219,7 @@ class Stage:
         shine = (rng.random(n) < rng.uniform(0, 0.4)) * rng.uniform(0.02, 0.5, n) * style.shine
         metal = rng.random(n) < rng.uniform(0, style.metals)
         mirror = np.where(metal[number][..., None], albedo, shine[number][..., None])
-        self.rough = int(rng.integers(0, 10) * SIDE * (rng.random() < 0.7))
+        self.rough = int(rng.integers(0, 10) * style.side * (rng.random() < 0.7))
         matt = np.where(metal[number][..., None], 0, albedo)
         emits = (rng.random(n) < rng.choice(style.lamps)) * np.exp(rng.normal(*style.lamp_power, n))
         emission = emits[number][..., None] * (1 - rng.uniform(0, 0.7, (n, 3)) ** 2)[number]
@@ -259,15 +238,18 @@ class Stage:
         expected = matt * (direct + ambient) + emission + mirror * blur(
             self.view.reshape(h, w, 3), self.rough)
         columns = [matt, mirror, aux, normal, emission, ambient, chance[..., None]]
-        columns += [x for full, seen, _ in self.lights for x in (full, seen[..., None])]
+        columns += [x for full, free, _ in self.lights for x in (full, free[..., None])]
         self.values = np.concatenate(columns, -1).astype(np.float32).reshape(h * w, -1)
         self.target = self.means(np.concatenate([expected, aux, normal], -1))
 
     def means(self, points: np.ndarray) -> np.ndarray:
-        """[h,w,c] of points to pixels."""
-        h, w, c = points.shape
+        """[h,w,c] of points to pixels; where there are panes the lower half is what is on them."""
+        side, (_, w, c) = self.side, points.shape
+        if self.pane is not None:
+            share, points = self.pane[..., None], points.reshape(2, self.h, w, c)
+            points = points[0] * (1 - share) + points[1] * share
         points = blur(points, self.defocus)
-        return points.reshape(h // SIDE, SIDE, w // SIDE, SIDE, c).mean((1, 3))
+        return points.reshape(self.h // side, side, w // side, side, c).mean((1, 3))
 
     def moved(self, y, x, r: int, rng: np.random.Generator) -> np.ndarray:
         """Numbers of points at most r from (y, x) both ways."""
@@ -277,9 +259,12 @@ class Stage:
 
     def sample(self, rng: np.random.Generator) -> np.ndarray:
         """One sample of every pixel, [h,w,9]: radiance, albedo, normal."""
-        y, x = np.indices((self.h // SIDE, self.w // SIDE)) * SIDE
-        y, x = y + rng.integers(0, SIDE, y.shape), x + rng.integers(0, SIDE, x.shape)
+        side = self.side
+        y, x = np.indices((self.h // side, self.w // side)) * side
+        y, x = y + rng.integers(0, side, y.shape), x + rng.integers(0, side, x.shape)
         at = self.moved(y, x, self.defocus, rng)
+        if self.pane is not None:
+            at += self.h * self.w * (rng.random(at.shape) < self.pane.reshape(-1)[at])
         p = self.values[at]
         matt, mirror, aux, normal, emission, ambient = (p[..., i:i + 3] for i in range(0, 18, 3))
         chance = p[..., 18]
@@ -296,7 +281,7 @@ class Stage:
             k = 19 + 4 * i
             seen = found(p[..., k + 3] * aimed, 1 / aimed, self.shapes[1])
             light = light + p[..., k:k + 3] * seen
-        other = self.moved(at // self.w, at % self.w, self.rough, rng)
+        other = self.moved(at // self.w % self.h, at % self.w, self.rough, rng)
         return np.concatenate([matt * light + mirror * self.view[other] + emission, aux, normal],
                               -1)
 
