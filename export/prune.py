@@ -121,7 +121,8 @@ def without_silent_codes(model: IntTrunk, active: Mapping[str, np.ndarray]) -> I
 
 
 def main(argv: list[str]) -> None:
-    from export.quantize_kernel import calibration_set, tensors_of, write_tensors
+    from export.quantize_kernel import (calibration_set, check_colour, tensors_of,
+                                        write_tensors)
     parser = errors.Parser("python -m export.prune", description="Leaves out of an integer model "
                            "of family K the channels that are 0 in pictures of a data set.")
     parser.add_argument("input", type=Path, metavar="IN.tza")
@@ -138,6 +139,7 @@ def main(argv: list[str]) -> None:
         raise errors.ToolError(f"--share {args.share:g}: not from 0 to below 1", errors.USAGE)
     with errors.reading(args.input):
         model = load(args.input)
+        check_colour(model.bilateral, str(args.input))
         inputs = calibration_set(args.data, args.count, False, parse_layers(args.layers))
         less = without_silent_codes(model, active_channels(
             model, map(model.codes, inputs), args.share))

@@ -149,16 +149,22 @@ def read_tensors(path: Path) -> dict[str, np.ndarray]:
         raise ValueError(f"{path}: no state dict ({type(e).__name__})") from e
 
 
+def check_colour(bilateral: int, source: str) -> None:
+    """That a model is one for colour, as the inputs of `calibration_set` are."""
+    if bilateral == kernel.ALONE:
+        raise errors.ToolError(f"{source}: is for an albedo or normals alone, and --data is looked "
+                               "at in colour", errors.STATE)
+
+
 def quantized(args: argparse.Namespace) -> kernel.IntTrunk:
     """The integer model that the arguments ask for."""
     tensors, options = read_tensors(args.input), replace(OPTIONS, words=args.words)
-    if kernel.bilateral_of(tensors, str(args.input)) == kernel.ALONE:
-        raise errors.ToolError(f"{args.input}: of an albedo or normals alone; training.export "
-                               "--int8 quantises these", errors.STATE)
+    bilateral = kernel.bilateral_of(tensors, str(args.input))
+    check_colour(bilateral, str(args.input))
     model = kernel.FloatTrunk(kernel.find_trunk(tensors, str(args.input)), tensors)
     inputs = calibration_set(args.data, args.count, args.all_features, parse_layers(args.layers))
     made = KernelQuantizer(model, inputs, options).run()
-    made.bilateral = kernel.bilateral_of(tensors, str(args.input))
+    made.bilateral = bilateral
     return made
 
 

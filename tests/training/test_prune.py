@@ -87,3 +87,5 @@ def test_command(raw, work, fails, capsys):
     assert fails(prune.main, [str(MODEL), "x.tza", *data, "--count", "0"])[0] == 2
     code, message = fails(prune.main, [str(ROOT / "weights" / "rt_hdr_w16.tza"), "x.tza", *data])
     assert code and "rt_hdr_w16" in message and not Path("x.tza").exists()
+    code, message = fails(prune.main, [str(ROOT / "weights" / "kernel5_alb.tza"), "x.tza", *data])
+    assert code == 4 and "kernel5_alb" in message and "alone" in message
