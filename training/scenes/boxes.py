@@ -280,29 +280,34 @@ def pick(a: np.ndarray, axis: np.ndarray) -> np.ndarray:
 
 def cast(room: Room, seen: View) -> list[tuple[np.ndarray, np.ndarray]]:
     """Faces [h,w] and distances that rays meet: past panes of glass, and not past them."""
-    eye, rays, _ = seen
-    inverse = np.float32(1) / np.where(rays == 0, np.float32(1e-12), rays)
+    eye = seen.eye.astype(np.float32)
+    rays = np.moveaxis(np.where(seen.rays == 0, np.float32(1e-12), seen.rays), -1, 0)
+    inverse = np.float32(1) / np.ascontiguousarray(rays)   # [3,h,w]: numpy is quick that way
     away = inverse > 0
     # The room itself, from inside: the first plane that a ray leaves by.
-    leave = np.where(away, room.size - eye, -eye).astype(np.float32) * inverse
-    axis = leave.argmin(-1)
-    depth = pick(leave, axis)
-    number = 1 + 2 * axis + pick(away, axis)
+    size = room.size.astype(np.float32)[:, None, None]
+    leave = (np.where(away, size, 0) - eye[:, None, None]) * inverse
+    axis, depth = leave.argmin(0), leave.min(0)
+    number = 1 + 2 * axis + np.take_along_axis(away, axis[None], 0)[0]
     layers = []
     for is_pane in (False, True):
         for k in np.flatnonzero(np.array(room.is_pane) == is_pane):
-            low, high = room.low[k], room.high[k]
+            low, high = room.low[k].astype(np.float32), room.high[k].astype(np.float32)
             at = region(low, high, seen)
             if at is None or ((low < eye) & (eye < high)).all():
                 continue
-            a, b = ((t - eye).astype(np.float32) * inverse[at] for t in (low, high))
-            near, far = np.minimum(a, b), np.maximum(a, b).min(-1)
-            axis = near.argmax(-1)
-            near = pick(near, axis)
-            hit = (near < far) & (near > NEAR) & (near < depth[at])
-            face = 0 if room.is_hole[k] else 7 + 6 * k + 2 * axis + ~pick(away[at], axis)
-            number[at] = np.where(hit, face, number[at])
-            depth[at] = np.where(hit, near, depth[at])
+            enters, leaves = [], []
+            for side in range(3):
+                a, b = ((t[side] - eye[side]) * inverse[(side, *at)] for t in (low, high))
+                enters.append(np.minimum(a, b))
+                leaves.append(np.maximum(a, b))
+            near = np.maximum(np.maximum(enters[0], enters[1]), enters[2])
+            far = np.minimum(np.minimum(leaves[0], leaves[1]), leaves[2])
+            hit = np.nonzero((near < far) & (near > NEAR) & (near < depth[at]))
+            axis = np.argmax([t[hit] for t in enters], 0)
+            facing = ~away[(slice(None), *at)][(axis, *hit)]
+            number[at][hit] = 0 if room.is_hole[k] else 7 + 6 * k + 2 * axis + facing
+            depth[at][hit] = near[hit]
         layers.append((number.copy(), depth.copy()))
     return layers
 
