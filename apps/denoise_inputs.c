@@ -249,6 +249,10 @@ exit_code denoise_load_reference(image *reference, const denoise_settings *setti
             "the reference '%s' has %zux%zu pixels of %u channels, but '%s' has %zux%zu of %u",
             path, reference->width, reference->height, reference->channels,
             inputs->paths[inputs->main], main->width, main->height, main->channels);
+    } else {
+        code = image_check_aligned(reference, "reference", path, main, inputs->paths[inputs->main]);
+    }
+    if (code) {
         image_destroy(reference);
     } else {
         linearise(reference, settings, inputs->main, path);
