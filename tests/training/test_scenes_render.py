@@ -142,6 +142,9 @@ def test_features_without_light(root, rendered, tmp_path):
             assert np.abs(lit - many).mean() < 0.15
     run = command(root, "render", out, "--seeds", SEED, *SMALL, "--no_light")
     one_line(run, 4, "render.json", "no_light")
+    run = command(root, "render", tmp_path / "c", *SMALL, "--no_light", "--unaimed", "0.5")
+    one_line(run, 2, "--unaimed", "--no_light")
+    assert not (tmp_path / "c").exists()
 
 
 def test_windows_and_unaimed_paths(root, rendered, tmp_path):

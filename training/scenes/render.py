@@ -156,6 +156,8 @@ def run(args: argparse.Namespace) -> None:
         raise ToolError("--threads must be at least 0", USAGE)
     if not (0 <= args.windows <= 1 and 0 <= args.unaimed <= 1):
         raise ToolError("--windows and --unaimed are shares: 0 to 1", USAGE)
+    if args.no_light and args.unaimed:
+        raise ToolError("--unaimed: of --no_light scenes no path looks for a light", USAGE)
     options.make_folder(args.out)
     try:
         _same_options(args.out, args)
