@@ -87,15 +87,16 @@
 #include <stdint.h>
 #include <string.h>
 
-typedef simde__mmask16 __mmask16;
-typedef simde__mmask32 __mmask32;
-typedef simde__mmask64 __mmask64;
+/* SIMDe has some of what follows under these names since 0.8, masks of other types among them. */
+#define __mmask16 simde__mmask16
+#define __mmask32 simde__mmask32
+#define __mmask64 simde__mmask64
 
 /* SIMDe 0.7.4 defines this name with four parameters. */
 #undef _mm512_madd_epi16
 #define _mm512_madd_epi16(a, b) simde_mm512_madd_epi16(a, b)
 
-/* Intrinsics that SIMDe lacks, from their definitions. */
+/* Intrinsics that SIMDe lacks, or lacked before 0.8, from their definitions. */
 
 static inline void emulate_store(void *to, const void *from, uint64_t mask, unsigned lanes,
                                  unsigned bytes)
@@ -105,26 +106,31 @@ static inline void emulate_store(void *to, const void *from, uint64_t mask, unsi
             memcpy((char *)to + i * bytes, (const char *)from + i * bytes, bytes);
 }
 
+#undef _mm512_mask_storeu_epi8
 #define _mm512_mask_storeu_epi8(to, mask, v)            \
     do {                                                \
         simde__m512i emulate_v = (v);                   \
         emulate_store((to), &emulate_v, (mask), 64, 1); \
     } while (0)
+#undef _mm256_mask_storeu_epi8
 #define _mm256_mask_storeu_epi8(to, mask, v)            \
     do {                                                \
         simde__m256i emulate_v = (v);                   \
         emulate_store((to), &emulate_v, (mask), 32, 1); \
     } while (0)
+#undef _mm_mask_storeu_epi8
 #define _mm_mask_storeu_epi8(to, mask, v)               \
     do {                                                \
         simde__m128i emulate_v = (v);                   \
         emulate_store((to), &emulate_v, (mask), 16, 1); \
     } while (0)
+#undef _mm512_mask_storeu_epi16
 #define _mm512_mask_storeu_epi16(to, mask, v)           \
     do {                                                \
         simde__m512i emulate_v = (v);                   \
         emulate_store((to), &emulate_v, (mask), 32, 2); \
     } while (0)
+#undef _mm512_mask_storeu_ps
 #define _mm512_mask_storeu_ps(to, mask, v)              \
     do {                                                \
         simde__m512 emulate_v = (v);                    \
@@ -137,6 +143,7 @@ static inline simde__m512 emulate_load(uint64_t mask, const float *from)
     emulate_store(&v, from, mask, 16, 4);
     return v;
 }
+#undef _mm512_maskz_loadu_ps
 #define _mm512_maskz_loadu_ps(mask, from) emulate_load(mask, from)
 
 /* SIMDe 0.7.4 reads the lanes that are masked out. */
@@ -165,6 +172,7 @@ static inline simde__m512i emulate_sra(simde__m512i a, simde__m128i count)
     memcpy(&a, lane, sizeof lane);
     return a;
 }
+#undef _mm512_sra_epi32
 #define _mm512_sra_epi32(a, count) emulate_sra(a, count)
 
 static inline simde__m512i emulate_shuffle(simde__m512i from, unsigned mask, simde__m512i a,
@@ -179,6 +187,7 @@ static inline simde__m512i emulate_shuffle(simde__m512i from, unsigned mask, sim
     memcpy(&a, out, sizeof out);
     return a;
 }
+#undef _mm512_mask_shuffle_epi32
 #define _mm512_mask_shuffle_epi32(from, mask, a, order) emulate_shuffle(from, mask, a, order)
 #define _MM_PERM_DDBB 0xf5
 
@@ -193,6 +202,7 @@ static inline simde__m512 emulate_to_floats(simde__m512i a)
     memcpy(&v, to, sizeof v);
     return v;
 }
+#undef _mm512_cvtepi32_ps
 #define _mm512_cvtepi32_ps(a) emulate_to_floats(a)
 
 static inline simde__m512i emulate_to_ints(simde__m512 a)
@@ -206,6 +216,7 @@ static inline simde__m512i emulate_to_ints(simde__m512 a)
     memcpy(&v, to, sizeof v);
     return v;
 }
+#undef _mm512_cvttps_epi32
 #define _mm512_cvttps_epi32(a) emulate_to_ints(a)
 
 /* a * b + c, rounded once, down. The product of two floats is a double; `rest` is what the double
@@ -238,6 +249,7 @@ static inline simde__m512 emulate_fma_512(simde__m512 a, simde__m512 b, simde__m
     emulate_fma_lanes(&a, &b, &c, 16);
     return a;
 }
+#undef _mm512_fmadd_round_ps
 #define _mm512_fmadd_round_ps(a, b, c, how) emulate_fma_512(a, b, c) /* always down */
 
 /* The register that holds how 256 bits are rounded: to the nearest, or by fused products down. */
@@ -268,7 +280,9 @@ static inline simde__m256 emulate_fma_256(simde__m256 a, simde__m256 b, simde__m
 #define _mm256_fmadd_ps(a, b, c) emulate_fma_256(a, b, c)
 
 /* AVX-VNNI: the operations of AVX512-VNNI on 256 bits. */
+#undef _mm256_dpbusd_avx_epi32
 #define _mm256_dpbusd_avx_epi32(sum, x, w) simde_mm256_dpbusd_epi32(sum, x, w)
+#undef _mm256_dpwssd_avx_epi32
 #define _mm256_dpwssd_avx_epi32(sum, x, w) simde_mm256_dpwssd_epi32(sum, x, w)
 
 #include "emulate_tiles.h"
