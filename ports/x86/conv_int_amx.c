@@ -43,7 +43,8 @@ static unsigned piece_of(unsigned length)
     return length / pieces;
 }
 
-static void describe(amx_conv *a, const lull_conv *conv)
+/* Not inlined: its registers would be saved in the frame that holds *a. */
+static LULL_NOINLINE void describe(amx_conv *a, const lull_conv *conv)
 {
     tile_config config;
     unsigned first = piece_of(conv->segment[0].length), other = first;

@@ -182,17 +182,6 @@ def test_hostile_exr_windows(refuses, work, exr, window):
     refuses(2, "--hdr", path, words=(path.name,))
 
 
-def test_reference_of_another_crop(refuses, denoise, identity, work, exr):
-    """Pixels of equal crops at different places are not compared; of the same place they are."""
-    for name, x in (("in", 8), ("ref", 12)):
-        header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage,
-                  "dataWindow": (np.array([x, 0], "i4"), np.array([x + W - 1, H - 1], "i4")),
-                  "displayWindow": (np.zeros(2, "i4"), np.array([99, 99], "i4"))}
-        OpenEXR.File(header, t.planes("", np.ones((H, W, 3)))).write(str(work / f"{name}.exr"))
-    refuses(2, "--hdr", "in.exr", "--ref", "ref.exr", words=("ref.exr", "12,0", "in.exr", "8,0"))
-    assert denoise("--hdr", "in.exr", "--ref", "in.exr", "-w", identity[3]).code == 0
-
-
 @pytest.mark.parametrize("kind", ["lines", "tiles", "another part"])
 def test_exr_compression_of_the_future(refuses, work, exr, kind):
     """What a later OpenEXR wrote is not called corrupt, nor kept as if it were ZIP."""

@@ -96,3 +96,16 @@ def test_reference_of_the_layer_that_was_named(denoise, identity, work, referenc
     done = denoise(*named, "--ref", reference, "--json")
     assert done.code == 0, done.err
     assert done.json["reference"]["errors"] == 0
+
+
+def test_reference_of_another_crop(denoise, identity, work):
+    """Pixels of equal crops at different places are not compared; of the same place they are."""
+    for name, x in (("in", 8), ("ref", 12)):
+        header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage,
+                  "dataWindow": (np.array([x, 0], "i4"), np.array([x + 55, 39], "i4")),
+                  "displayWindow": (np.zeros(2, "i4"), np.array([99, 99], "i4"))}
+        OpenEXR.File(header, t.planes("", np.ones((40, 56, 3)))).write(str(work / f"{name}.exr"))
+    done = denoise("--hdr", "in.exr", "--ref", "ref.exr", "-w", identity[3], "-o", "out.pfm")
+    assert done.code == 2 and not (work / "out.pfm").exists()
+    assert all(word in done.error for word in ("ref.exr", "12,0", "in.exr", "8,0")), done.error
+    assert denoise("--hdr", "in.exr", "--ref", "in.exr", "-w", identity[3]).code == 0
