@@ -12,10 +12,12 @@ LULL_INLINE uint32_t load_dword(const uint8_t *p)
     return v;
 }
 
-/* Weights of the even and of the odd elements of 4 outputs. */
+/* Weights of the even and of the odd elements of 4 outputs. (vld2_s16 wants neighbouring registers,
+ * for which gcc 14 goes by way of the stack.) */
 LULL_INLINE int16x4x2_t load_wide(const uint8_t *w)
 {
-    return vld2_s16((const int16_t *)(const void *)w);
+    int16x8_t v = vld1q_s16((const int16_t *)(const void *)w);
+    return vuzp_s16(vget_low_s16(v), vget_high_s16(v));
 }
 
 LULL_INLINE int32x4_t wide_add(int32x4_t sum, int16x4x2_t w, uint32_t pair)
