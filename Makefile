@@ -4,7 +4,7 @@
 #   make demo           denoises demo/ and says what it did
 #   make train-demo     from nothing to a denoiser: scenes, training, export, check (half an hour)
 #   make check          every test (as root it installs the Debian packages that they need)
-#   make wasm           build/wasm/bin: lull.wasm, lull.mjs, ..., for browsers (clang, lld, wasi-libc)
+#   make wasm           build/wasm/bin: lull.wasm, lull.mjs, ..., for browsers (clang, lld, llvm-ar, wasi-libc)
 #   make amalgamation   build/amalgamation: the core as lull.c and lull.h, to be vendored
 #   make install        DESTDIR= prefix=/usr/local libdir= includedir= ... (uninstall: the same settings)
 #   make conform        every port of this CPU against the scalar one, and its speed

@@ -82,6 +82,7 @@ find_wanted() {
     need "gcc-s390x-linux-gnu libc6-dev-s390x-cross" command -v s390x-linux-gnu-gcc
     need gcc-mingw-w64-x86-64 command -v x86_64-w64-mingw32-gcc
     need lld command -v wasm-ld
+    need llvm command -v "$(clang -print-prog-name=llvm-ar 2>/dev/null)"
     need "wasi-libc libclang-rt-dev-wasm32" [ -e /usr/include/wasm32-wasi ]
     need nodejs command -v node
 }

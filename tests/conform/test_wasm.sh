@@ -26,6 +26,8 @@ run() { # run NAME COMMAND...: a program, and its counts
 
 command -v clang >/dev/null 2>&1 || without "clang is missing (Debian: clang)"
 command -v wasm-ld >/dev/null 2>&1 || without "wasm-ld is missing (Debian: lld)"
+command -v "$(clang -print-prog-name=llvm-ar)" >/dev/null 2>&1 ||
+    without "llvm-ar is missing (Debian: llvm)"
 command -v "$node" >/dev/null 2>&1 || without "$node is missing (Debian: nodejs)"
 "$node" -e 'import("node:wasi")' >/dev/null 2>&1 || without "$node has no node:wasi"
 printf '#include <string.h>\nint main(void) { return (int)strlen(""); }\n' |
