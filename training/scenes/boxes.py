@@ -225,23 +225,21 @@ class Room:
 
 
 class View(NamedTuple):
-    """A place, the points' rays [h,w,3] in metres for each metre ahead, and a matrix from the room
-    to (column, row, 1) times the distance ahead, the middle of the picture being 0."""
+    """A camera: its place; unit vectors [3,3] to the right, down and ahead; and how many metres, a
+    metre ahead, the longer side of its picture is wide."""
     eye: np.ndarray
-    rays: np.ndarray
-    matrix: np.ndarray
+    axes: np.ndarray
+    width: float
 
-    def resized(self, h: int, w: int) -> View:
-        """The same with other points."""
-        scale = max(self.rays.shape) / max(h, w)
-        side, down, ahead = np.linalg.inv(self.matrix).T
-        x, y = ((np.arange(n) + 0.5 - n / 2) * scale for n in (w, h))
+    def rays(self, h: int, w: int) -> np.ndarray:
+        """Of the points of [h,w], float32 [h,w,3], in metres for each metre ahead."""
+        x, y = ((np.arange(n) + 0.5 - n / 2) * (self.width / max(h, w)) for n in (w, h))
+        side, down, ahead = self.axes
         rays = ahead + x[None, :, None] * side + y[:, None, None] * down
-        return View(self.eye, rays.astype(np.float32),
-                    self.matrix / [[scale], [scale], [1]])
+        return rays.astype(np.float32)
 
 
-def view(room: Room, h: int, w: int, rng: np.random.Generator) -> View:
+def view(room: Room, rng: np.random.Generator) -> View:
     """A camera somewhere in a room."""
     eye = room.size * rng.uniform((0.1, 0.1, 0.3), (0.9, 0.9, 0.75))
     yaw, pitch, roll = rng.uniform(0, 2 * np.pi), rng.normal(-0.1, 0.15), rng.normal(0, 0.02)
@@ -251,23 +249,20 @@ def view(room: Room, h: int, w: int, rng: np.random.Generator) -> View:
     side = np.array([np.sin(yaw), -np.cos(yaw), 0])
     up = np.cross(side, ahead)
     side, up = side * np.cos(roll) + up * np.sin(roll), up * np.cos(roll) - side * np.sin(roll)
-    scale = np.tan(np.exp(rng.uniform(*np.log((0.15, 0.75))))) * 2 / max(h, w)
-    x, y = ((np.arange(n) + 0.5 - n / 2) * scale for n in (w, h))
-    rays = ahead + x[None, :, None] * side - y[:, None, None] * up
-    return View(eye, rays.astype(np.float32),
-                np.stack([side, -up, ahead]) / [[scale], [scale], [1]])
+    width = 2 * np.tan(np.exp(rng.uniform(*np.log((0.15, 0.75)))))
+    return View(eye, np.stack([side, -up, ahead]), width)
 
 
-def region(low, high, seen: View):
-    """Rows and columns that may see a box; None: none of them."""
-    h, w, _ = seen.rays.shape
+def region(low, high, seen: View, h: int, w: int):
+    """Rows and columns of [h,w] that may see a box; None: none of them."""
     corners = np.stack(np.meshgrid(*zip(low, high, strict=True), indexing="ij"), -1)
-    x, y, z = seen.matrix @ (corners.reshape(8, 3) - seen.eye).T
+    x, y, z = seen.axes @ (corners.reshape(8, 3) - seen.eye).T
     if z.max() < NEAR:
         return None
     if z.min() < NEAR:
         return slice(0, h), slice(0, w)
-    x, y = x / z + w / 2, y / z + h / 2
+    points = max(h, w) / seen.width  # to the metre, a metre ahead
+    x, y = x / z * points + w / 2, y / z * points + h / 2
     rows = slice(max(0, int(y.min()) - 1), min(h, int(y.max()) + 2))
     columns = slice(max(0, int(x.min()) - 1), min(w, int(x.max()) + 2))
     return (rows, columns) if rows.start < rows.stop and columns.start < columns.stop else None
@@ -278,10 +273,11 @@ def pick(a: np.ndarray, axis: np.ndarray) -> np.ndarray:
     return np.take_along_axis(a, axis[..., None], -1)[..., 0]
 
 
-def cast(room: Room, seen: View) -> list[tuple[np.ndarray, np.ndarray]]:
+def cast(room: Room, seen: View, h: int, w: int) -> list[tuple[np.ndarray, np.ndarray]]:
     """Faces [h,w] and distances that rays meet: past panes of glass, and not past them."""
     eye = seen.eye.astype(np.float32)
-    rays = np.moveaxis(np.where(seen.rays == 0, np.float32(1e-12), seen.rays), -1, 0)
+    rays = seen.rays(h, w)
+    rays = np.moveaxis(np.where(rays == 0, np.float32(1e-12), rays), -1, 0)
     inverse = np.float32(1) / np.ascontiguousarray(rays)   # [3,h,w]: numpy is quick that way
     away = inverse > 0
     # The room itself, from inside: the first plane that a ray leaves by.
@@ -293,7 +289,7 @@ def cast(room: Room, seen: View) -> list[tuple[np.ndarray, np.ndarray]]:
     for is_pane in (False, True):
         for k in np.flatnonzero(np.array(room.is_pane) == is_pane):
             low, high = room.low[k].astype(np.float32), room.high[k].astype(np.float32)
-            at = region(low, high, seen)
+            at = region(low, high, seen, h, w)
             if at is None or ((low < eye) & (eye < high)).all():
                 continue
             enters, leaves = [], []
@@ -318,19 +314,18 @@ def paint(h: int, w: int, rng: np.random.Generator) -> Seen:
     room.furnish()
 
     def edges(tried: View) -> int:
-        number = cast(room, tried)[1][0]
+        number = cast(room, tried, max(h // 8, 1), max(w // 8, 1))[1][0]
         return (np.diff(number, axis=0) != 0).sum() + (np.diff(number, axis=1) != 0).sum()
 
-    views = [view(room, max(h // 8, 1), max(w // 8, 1), rng) for _ in range(rng.integers(1, 9))]
-    seen = max(views, key=edges).resized(h, w)
-    layers = cast(room, seen)
+    seen = max([view(room, rng) for _ in range(rng.integers(1, 9))], key=edges)
+    layers = cast(room, seen, h, w)
     count = 6 + 6 * len(room.low)
     faces = np.arange(-1, count)
     axes = np.where(faces >= 0, faces % 6 // 2, 2)
     # The room's walls look inwards, boxes outwards.
     sign = np.where(faces < 6, 1 - 2 * (faces % 2), 2 * (faces % 2) - 1)
     number = np.concatenate([n for n, _ in layers]).astype(np.int32)
-    places = np.concatenate([seen.eye + seen.rays * d[..., None] for _, d in layers])
+    places = np.concatenate([seen.eye + seen.rays(h, w) * d[..., None] for _, d in layers])
     u = pick(places, np.where(axes == 0, 1, 0)[number]).astype(np.float32)
     v = pick(places, np.where(axes == 2, 1, 2)[number]).astype(np.float32)
     body = np.concatenate([np.arange(7), np.repeat(room.body, 6)])
