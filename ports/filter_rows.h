@@ -129,10 +129,20 @@ LULL_INLINE void encode_block(uint8_t *codes, const lull_encoding *from, size_t 
     join((float *)(void *)(codes + 12 * p), n, floats(d0), floats(d1), floats(d2));
 }
 
-void NAME(encode)(uint8_t *codes, const lull_encoding *from, unsigned pixels){
-#define BLOCK(n) encode_block(codes, from, p, n)
-    FOR_BLOCKS(pixels)
-#undef BLOCK
+/* Less than a vector; apart, for its registers would be kept in the frame of the whole ones. */
+LULL_NOINLINE static void encode_rest(uint8_t *codes, const lull_encoding *from, size_t p,
+                                      unsigned n)
+{
+    encode_block(codes, from, p, n);
+}
+
+void NAME(encode)(uint8_t *codes, const lull_encoding *from, unsigned pixels)
+{
+    size_t p = 0;
+    for (; p + LANES <= pixels; p += LANES)
+        encode_block(codes, from, p, LANES);
+    if (p < pixels)
+        encode_rest(codes, from, p, (unsigned)(pixels - p));
 }
 
 LULL_INLINE void guide_block(uint8_t *guide, const float *albedo, const float *normal, unsigned n)

@@ -88,6 +88,7 @@
             SUMS                                                                                  \
             x += 4, y += 4, z += 4, t += 4, q += 4, r += 4, w += 4 * LANES B(, w2 += 4 * LANES); \
         }                                                                                         \
+        (void)q, (void)r; /* which 12 columns do without */                                       \
     }
 #define ONE_MORE(gap) vec w0 = load(w + (gap)) B(, w1 = load(w2 + (gap)));
 #define TWO_MORE(gap) ONE_MORE(gap) vec u0 = load(w + 2 * (gap)) B(, u1 = load(w2 + 2 * (gap)));

@@ -22,9 +22,12 @@ MULTIPLY = re.compile(r"\s(vfmadd\w+ps|v?pmadd\w+|mulps|vpdp\w+|fmla|vmla\.f32|s
                       r"vmlal\.s\d+|sdot|usdot|sudot|usmmla)\s")
 WORDS = re.compile(r"\sv?paddw\s")  # sums of words
 TILES = re.compile(r"\stdp\w+\s")  # AMX: sums pass through a buffer behind the loops, on purpose
-# Loops that may: clang 19 keeps one of twelve sums in memory, beside two vectors of weights, pixels
-# and a product, for which 16 registers are just enough.
-SPILLING = {("clang", "conv_int_sse41"): 1}
+# How many loops may, of which release on: clang 19 keeps one of twelve sums in memory, beside two
+# vectors of weights, pixels and a product, for which 16 registers are just enough; clang 21 makes
+# vectors of a loop over the few products that are left over (int3_rest), and has none for two of
+# them; gcc 16 keeps one of the 24 sums of two loops in memory, a load and a store for 72 products.
+SPILLING = {("clang", "conv_int_sse41"): (19, 1), ("clang", "conv_int_avxvnni"): (21, 1),
+            ("gcc", "conv_int_vnni"): (16, 2)}
 JUMP = re.compile(r"^\s*([0-9a-f]+):\s+(?:j\w+|b(?:\.\w+|[a-z]{2}(?:\.n|\.w)?)?|cbn?z|tbn?z)\s+"
                   r"(?:\w+,\s*(?:#\d+,\s*)?)?([0-9a-f]+)\s+<")
 LINE = re.compile(r"^\s*([0-9a-f]+):\t")
@@ -60,6 +63,16 @@ def targets() -> list[Target]:
 def setting(name: str) -> list[str]:
     match = re.search(rf"^{name} :=(.*)$", SOURCES, re.MULTILINE)
     return match[1].split() if match else []
+
+
+def may_spill(target: Target, source: str) -> int:
+    """How many loops of a source file may."""
+    since, loops = SPILLING.get((target.name, Path(source).stem), (0, 0))
+    if not loops:
+        return 0
+    release = subprocess.run([target.compiler, "-dumpversion"], capture_output=True, text=True,
+                             check=True).stdout
+    return loops if int(release.split(".")[0]) >= since else 0
 
 
 def groups(arch: str) -> list[str]:
@@ -188,8 +201,7 @@ def test_hot_loops_keep_off_the_stack(target: Target, group: str, source: str, o
         assert sum(any(WORDS.search(line) for line in loop) for loop, _ in hot) >= 2
     bad = [loop for loop, stack in hot
            if not harmless([line for line in loop if stack.search(line)])]
-    allowed = SPILLING.get((target.name, Path(source).stem), 0)
-    assert len(bad) <= allowed, "\n\n".join("\n".join(loop) for loop in bad)
+    assert len(bad) <= may_spill(target, source), "\n\n".join("\n".join(loop) for loop in bad)
 
 
 def test_clang_gets_no_names_of_parts_of_registers():
