@@ -92,6 +92,14 @@
 #define __mmask32 simde__mmask32
 #define __mmask64 simde__mmask64
 
+/* SIMDe 0.8.4 leaves these out where the compiler has those that SSE knows (gcc 16). */
+#ifndef _CMP_ORD_Q
+#define _CMP_ORD_Q SIMDE_CMP_ORD_Q
+#endif
+#ifndef _CMP_GT_OQ
+#define _CMP_GT_OQ SIMDE_CMP_GT_OQ
+#endif
+
 /* SIMDe 0.7.4 defines this name with four parameters. */
 #undef _mm512_madd_epi16
 #define _mm512_madd_epi16(a, b) simde_mm512_madd_epi16(a, b)
