@@ -7,13 +7,13 @@
 #define REACH 4          /* pixels of displacement looked for */
 #define SAMPLES 1000000u /* pixels that a correlation looks at */
 
-static float finite(float v) { return isfinite(v) ? v : 0.0f; }
+static float finite_or_0(float v) { return isfinite(v) ? v : 0.0f; }
 
 static float luminance_at(const image *img, size_t pixel)
 {
     float v[3];
     for (unsigned c = 0; c < 3; c++)
-        v[c] = finite(
+        v[c] = finite_or_0(
             image_get(img, pixel * img->channels + (c < img->channels ? c : img->channels - 1)));
     v[0] = 0.2127f * v[0] + 0.7152f * v[1] + 0.0722f * v[2];
     return v[0] > 0 ? v[0] : 0;
@@ -163,7 +163,7 @@ int doctor_align(const doctor_maps *maps, const image *aux, doctor_alignment *ou
     }
     for (unsigned c = 0; c < aux->channels; c++) {
         for (size_t i = 0; i < w * h; i++) {
-            float v = finite(image_get(aux, i * aux->channels + c));
+            float v = finite_or_0(image_get(aux, i * aux->channels + c));
             plane[i] = v < -1 ? -1 : v > 1 ? 1 : v;
         }
         add_gradient(edges, plane, w, h);
