@@ -24,8 +24,8 @@ WORDS = re.compile(r"\sv?paddw\s")  # sums of words
 TILES = re.compile(r"\stdp\w+\s")  # AMX: sums pass through a buffer behind the loops, on purpose
 # How many loops may, of which release on: clang 19 keeps one of twelve sums in memory, beside two
 # vectors of weights, pixels and a product, for which 16 registers are just enough; clang 21 makes
-# vectors of a loop over the few products that are left over (int3_rest), and has none for two of
-# them; gcc 16 keeps one of the 24 sums of two loops in memory, a load and a store for 72 products.
+# vectors of a loop over the few products that are left over (int3_rest), two too many; gcc 16 keeps
+# one of the 24 sums of two loops in memory, a load and a store for 72 products.
 SPILLING = {("clang", "conv_int_sse41"): (19, 1), ("clang", "conv_int_avxvnni"): (21, 1),
             ("gcc", "conv_int_vnni"): (16, 2)}
 JUMP = re.compile(r"^\s*([0-9a-f]+):\s+(?:j\w+|b(?:\.\w+|[a-z]{2}(?:\.n|\.w)?)?|cbn?z|tbn?z)\s+"
