@@ -134,13 +134,9 @@ LULL_NOINLINE static void bilateral_rest(const lull_smoothing *s, size_t p, unsi
     bilateral_block(s, p, n, weigh_some);
 }
 
-void NAME(bilateral)(const lull_smoothing *smoothing)
-{
-    size_t p = 0;
-    for (; p + LANES <= smoothing->pixels; p += LANES)
-        bilateral_block(smoothing, p, LANES, weigh);
-    if (p < smoothing->pixels)
-        bilateral_rest(smoothing, p, (unsigned)(smoothing->pixels - p));
+void NAME(bilateral)(const lull_smoothing *smoothing){
+    FOR_VECTORS(smoothing->pixels, bilateral_block(smoothing, p, LANES, weigh),
+                bilateral_rest(smoothing, p, (unsigned)(smoothing->pixels - p)))
 }
 
 LULL_INLINE vec ramp(vec v, float begin, float slope)

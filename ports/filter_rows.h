@@ -25,15 +25,18 @@
  *   NAME(op)                        lull_<op>_<isa>
  */
 
-/* Whole vectors of pixels, then the rest: BLOCK(n) stands for n pixels from pixel p on. */
-#define FOR_BLOCKS(pixels)                                                                         \
+/* WHOLE for the vectors of pixels from pixel p on, then REST for those that are left, from p on. */
+#define FOR_VECTORS(pixels, WHOLE, REST)                                                           \
     {                                                                                              \
         size_t p = 0;                                                                              \
         for (; p + LANES <= (pixels); p += LANES)                                                  \
-            BLOCK(LANES);                                                                          \
+            WHOLE;                                                                                 \
         if (p < (pixels))                                                                          \
-            BLOCK((unsigned)((pixels)-p));                                                         \
+            REST;                                                                                  \
     }
+
+/* The same for both: BLOCK(n) stands for n pixels from pixel p on. */
+#define FOR_BLOCKS(pixels) FOR_VECTORS(pixels, BLOCK(LANES), BLOCK((unsigned)((pixels)-p)))
 
 /* ---- Codes ----------------------------------------------------------------------------------- */
 
@@ -136,13 +139,9 @@ LULL_NOINLINE static void encode_rest(uint8_t *codes, const lull_encoding *from,
     encode_block(codes, from, p, n);
 }
 
-void NAME(encode)(uint8_t *codes, const lull_encoding *from, unsigned pixels)
-{
-    size_t p = 0;
-    for (; p + LANES <= pixels; p += LANES)
-        encode_block(codes, from, p, LANES);
-    if (p < pixels)
-        encode_rest(codes, from, p, (unsigned)(pixels - p));
+void NAME(encode)(uint8_t *codes, const lull_encoding *from, unsigned pixels){
+    FOR_VECTORS(pixels, encode_block(codes, from, p, LANES),
+                encode_rest(codes, from, p, (unsigned)(pixels - p)))
 }
 
 LULL_INLINE void guide_block(uint8_t *guide, const float *albedo, const float *normal, unsigned n)
