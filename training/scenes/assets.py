@@ -1,8 +1,10 @@
-"""A user's folder of meshes (.ply, .obj), pictures (.png, .jpg) and environments (.exr, .hdr)."""
+"""A user's folder of meshes (.ply, .obj), pictures (.png, .jpg), environments (.exr, .hdr) and
+furniture libraries (.sh3f)."""
 
 from __future__ import annotations
 
 import os
+import zipfile
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,9 +12,14 @@ import numpy as np
 from training.errors import DATA, ToolError
 
 from . import backend
+from .homes import home
 from .mesh import Mesh, rotate, scale, smooth_normals, translate
+from .pieces import Library, Piece, Reader
+from .stage import Stage
 
 MAX_TRIANGLES = 400_000
+HOMES = 0.8               # share of rooms of pieces, where there are libraries of them
+LIBRARY_PICTURES = 24     # of each library, for floors and walls
 
 
 @dataclass
@@ -22,6 +29,14 @@ class Assets:
     meshes: list[Mesh] = field(default_factory=list)
     pictures: list[np.ndarray] = field(default_factory=list)
     skies: list[np.ndarray] = field(default_factory=list)
+    pieces: list[Piece] = field(default_factory=list)
+    picture: Reader | None = None  # of the pieces' own
+
+    def home(self, rng: np.random.Generator) -> tuple[str, Stage] | None:
+        """A room of the libraries' pieces, in four scenes of five; None without any."""
+        if not self.pieces or rng.random() > HOMES:
+            return None
+        return "home", home(rng, self.pieces, self.picture)
 
     def furnish(self, rng: np.random.Generator, stage) -> None:
         """Stands some of the meshes on the floor of a stage."""
@@ -65,7 +80,7 @@ def _image(mi, path: str) -> np.ndarray:
 
 def load(mi, folder: str | None) -> Assets:
     """Reads a folder (with subfolders), in sorted order. Raises ToolError for unreadable files."""
-    out = Assets()
+    out = Assets(picture=lambda path: np.clip(_image(mi, path), 0.0, 1.0))
     if folder is None:
         return out
     if not os.path.isdir(folder):
@@ -77,11 +92,15 @@ def load(mi, folder: str | None) -> Assets:
             if end in (".ply", ".obj"):
                 out.meshes.append(_mesh(mi, path))
             elif end in (".png", ".jpg", ".jpeg"):
-                out.pictures.append(np.clip(_image(mi, path), 0.0, 1.0))
+                out.pictures.append(out.picture(path))
             elif end in (".exr", ".hdr"):
                 out.skies.append(_image(mi, path))
-        except (RuntimeError, ValueError) as err:
+            elif end == ".sh3f":
+                library = Library(path)
+                out.pieces += library.pieces
+                out.pictures += [out.picture(p) for p in library.pictures(LIBRARY_PICTURES)]
+        except (RuntimeError, ValueError, KeyError, OSError, zipfile.BadZipFile) as err:
             raise ToolError(f"--assets: {path}: {str(err).splitlines()[0]}", DATA) from None
-    if not (out.meshes or out.pictures or out.skies):
-        raise ToolError(f"--assets: {folder} holds no mesh, picture or environment", DATA)
+    if not (out.meshes or out.pictures or out.skies or out.pieces):
+        raise ToolError(f"--assets: {folder} holds no mesh, picture, environment or library", DATA)
     return out

@@ -161,11 +161,11 @@ def colours_to_texels(m: Mesh) -> tuple[Mesh, np.ndarray]:
 
 
 def palette(mi, rng: np.random.Generator, slots, pictures: list[np.ndarray], gloss: np.ndarray,
-            fine: bool) -> dict[str, dict]:
+            fine: bool, prints: np.ndarray | None = None) -> dict[str, dict]:
     """BSDF dictionaries of the slots in use; a slot's material does not depend on the others.
 
     pictures: the user's textures (linear RGB), may be empty; gloss: texels of slot "gloss" from
-    colours_to_texels; fine: large bitmaps.
+    colours_to_texels; fine: large bitmaps; prints: the bitmap of slot "print".
     """
     root = int(rng.integers(1 << 31))
     n = 512 if fine else 256
@@ -192,5 +192,10 @@ def palette(mi, rng: np.random.Generator, slots, pictures: list[np.ndarray], glo
         "mask": lambda r: cutout(mi, r),
         "special": lambda r: special(mi, r),
     }
-    return {slot: make(np.random.default_rng([root, k]))
-            for k, (slot, make) in enumerate(sorted(makers.items())) if slot in slots}
+    out = {slot: make(np.random.default_rng([root, k]))
+           for k, (slot, make) in enumerate(sorted(makers.items())) if slot in slots}
+    if prints is not None:
+        r, t = np.random.default_rng([root, len(makers)]), bitmap(mi, prints)
+        out["print"] = two({"type": "diffuse", "reflectance": t} if r.random() < 0.6
+                           else coat(r, t))
+    return out

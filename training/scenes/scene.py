@@ -121,7 +121,8 @@ def _shapes(mi, rng, stage: Stage, assets: Assets, folder: str, fine: bool
     texels = np.full((1, 1, 3), 0.5, np.float32)
     if "gloss" in meshes:
         meshes["gloss"], texels = materials.colours_to_texels(meshes["gloss"])
-    bsdfs = materials.palette(mi, rng, meshes, assets.pictures, texels, fine)
+    bsdfs = materials.palette(mi, rng, meshes, assets.pictures, texels, fine,
+                              stage.prints.bitmap if "print" in meshes else None)
     out, words = {}, []
     for slot, mesh in meshes.items():
         path = os.path.join(folder, f"{slot}.ply")
@@ -246,7 +247,7 @@ def build(mi, seed: int, attempt: int, assets: Assets, plain: bool = False,
     by chance, all of them or all but those of the first surface.
     """
     streams = [np.random.default_rng([seed, attempt, k]) for k in range(5)]
-    name, stage = layouts.make(streams[0])
+    name, stage = assets.home(streams[0]) or layouts.make(streams[0])
     assets.furnish(streams[4], stage)
     with tempfile.TemporaryDirectory(prefix="lull-scene-") as folder:
         shapes, words = _shapes(mi, streams[1], stage, assets, folder, fine)

@@ -9,6 +9,7 @@ import numpy as np
 from . import furniture as fu
 from . import shapes as sh
 from .mesh import Mesh, grid_mesh, rotate, translate
+from .pieces import Prints
 from .plants import Parts
 
 
@@ -22,6 +23,7 @@ class Stage:
     sky: float = 0.0                                  # chance of an environment
     closed: bool = False
     extent: tuple = ((-5, -5, 0), (5, 5, 3))          # where fog may be
+    prints: Prints | None = None                      # of slot "print"
 
     def add(self, parts: Parts, m: np.ndarray | None = None) -> None:
         self.parts += parts if m is None else fu.move(parts, m)
