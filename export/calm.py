@@ -1,9 +1,12 @@
 """How calm a frame is (docs/kernel-prediction.md, step 9), to the bit: the share of its cells whose
 finest detail is so little that whatever noise there is must be little, too. Texture is in some
-places, noise in nearly all."""
+places, noise in nearly all; unless the detail of the others is noise by its looks, halved in means
+of 2x2 pixels."""
 from __future__ import annotations
 
 import numpy as np
+
+from export.smooth import ramp
 
 F = np.float32
 SIDE = 4                   # differences a side of a cell, of one pixel more
@@ -12,6 +15,9 @@ DETAIL_GAIN = F(192)       # noise codes of half a difference, relative to the r
 DETAIL_EPS = F(0.96)       # 0.02 for each channel of a cell's pixels
 LEAST_DETAIL = F(1)        # codes; cells with less are sky, lamps or clipped: they say nothing
 MOST_DETAIL = F(10)        # calm below it
+WILD_DETAIL = F(160)       # rough below it, wild from it on
+COARSE = F(0.6)            # of a rough cell's detail: noise where means of 2x2 pixels have less
+NOT_CALM = F(0.42), F(-12.5)  # share of rough cells that are noise: up to where a frame may be calm
 
 
 def spacing(height: int, width: int) -> int:
@@ -33,16 +39,30 @@ def cells_of(image: np.ndarray) -> np.ndarray:
     return light[(ys + ends)[:, None, :, None], (xs + ends)[None, :, None, :]]
 
 
-def details_of(radiance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Detail of cells of exposed radiance [H,W,3], and what it is relative to."""
-    cells = cells_of(radiance)
+def differences_of(cells: np.ndarray) -> np.ndarray:
+    """Mixed second differences of cells, [rows,columns,SIDE,SIDE]."""
     across = cells[..., :-1] - cells[..., 1:]
-    detail, base = np.zeros(cells.shape[:2], F), np.zeros(cells.shape[:2], F)
-    for y in range(SIDE):
-        for x in range(SIDE):
-            detail = detail + np.abs(across[..., y, x] - across[..., y + 1, x])
-            base = base + cells[..., y, x]
-    return detail * DETAIL_GAIN, base + DETAIL_EPS
+    return across[..., :-1, :] - across[..., 1:, :]
+
+
+def sum_of(v: np.ndarray) -> np.ndarray:
+    """Of the sizes of numbers [...,H,W], row by row."""
+    out = np.zeros(v.shape[:-2], F)
+    for y in range(v.shape[-2]):
+        for x in range(v.shape[-1]):
+            out = out + np.abs(v[..., y, x])
+    return out
+
+
+def details_of(radiance: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Detail of cells of exposed radiance [H,W,3], what it is relative to, and whether it is noise,
+    for there is less of it between means of 2x2 pixels than of a texture."""
+    cells = cells_of(radiance)
+    d = differences_of(cells)
+    rows = (d[..., :-2] + d[..., 2:]) + (d[..., 1:-1] + d[..., 1:-1])
+    coarse = (rows[..., :-2, :] + rows[..., 2:, :]) + (rows[..., 1:-1, :] + rows[..., 1:-1, :])
+    detail, base = sum_of(d), sum_of(cells[..., :SIDE, :SIDE])
+    return detail * DETAIL_GAIN, base + DETAIL_EPS, sum_of(coarse) < detail * COARSE
 
 
 def share_of(part: np.ndarray, whole: np.ndarray) -> np.float32:
@@ -51,7 +71,10 @@ def share_of(part: np.ndarray, whole: np.ndarray) -> np.float32:
 
 
 def calm_share(radiance: np.ndarray) -> np.float32:
-    """Share of calm cells of exposed radiance [H,W,3], float32 in [0, 1]."""
-    detail, base = details_of(radiance)
+    """Share of calm cells of exposed radiance [H,W,3], float32 in [0, 1]; less, or 0, if many of
+    the rough ones are noise."""
+    detail, base, is_noise = details_of(radiance)
     counts = detail >= base * LEAST_DETAIL
-    return share_of(counts & (detail < base * MOST_DETAIL), counts)
+    calm = counts & (detail < base * MOST_DETAIL)
+    rough = counts & ~calm & (detail < base * WILD_DETAIL)
+    return share_of(calm, counts) * ramp(share_of(rough & is_noise, rough), *NOT_CALM)

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from export.calm import LEAST_DETAIL, cells_of, details_of, share_of
+from export.calm import LEAST_DETAIL, WILD_DETAIL, cells_of, details_of, share_of
 from export.smooth import ramp
 
 F = np.float32
-WILD_DETAIL = F(160)               # of a cell, noise codes
 WILD = F(0.25), F(6.6666667)       # share of wild cells: from where on, by which slope
 FLAT, STEP = F(0.03), F(0.3)       # of the sum of the albedo's channels: beside an edge, across it
 FEW = 16                           # edges that tell nothing
@@ -27,7 +26,7 @@ def ragged(radiance: np.ndarray, albedo: np.ndarray | None) -> np.float32:
     albedo in [0,1], whose edges have to be sharp, both [H,W,3]."""
     if albedo is None:
         return F(0)
-    detail, base = details_of(radiance)
+    detail, base, _ = details_of(radiance)
     counts = detail >= base * LEAST_DETAIL
     wild = share_of(counts & (detail >= base * WILD_DETAIL), counts)
     cells = cells_of(albedo)

@@ -175,9 +175,11 @@ void lull_exec_radiance(lull_encoding *from, const lull_task *t, float *block, u
 void lull_exec_sane(float *block, const lull_encoding *from, const lull_task *t, unsigned n);
 
 /* What is seen of rows 16 index to 16 index + 15 of the frame: cells that say something, those
- * among them with next to no noise, and with much; edges of the albedo, and sharp ones. */
+ * among them with next to no noise, and with much, and of the rest those that are noise and not
+ * texture; edges of the albedo, and sharp ones. */
 typedef struct lull_calm_row {
-    uint16_t cells, calm, wild, edges, sharp; /* of a few thousand cells in the whole frame */
+    uint16_t cells, calm, wild, noise; /* of a few thousand cells in the whole frame */
+    uint16_t edges, sharp;
 } lull_calm_row;
 void lull_exec_calm_row(lull_calm_row *row, const lull_task *t, unsigned index);
 

@@ -1,8 +1,9 @@
 /* What cells of 4x4 differences tell of a frame, so far from each other that there are a few
  * thousand of them (docs/kernel-prediction.md, step 9). How calm it is: the part of them whose
  * finest detail is so little that whatever noise there is must be little, too, for texture is in
- * some places, noise in nearly all. And how ragged its edges are, each pixel having seen one place:
- * much noise, and edges of the albedo without pixels between the two sides. */
+ * some places, noise in nearly all; unless the detail of the others is noise by its looks, halved
+ * in means of 2x2 pixels. And how ragged its edges are, each pixel having seen one place: much
+ * noise, and edges of the albedo without pixels between the two sides. */
 #include "exec.h"
 #include "exposure.h"
 
@@ -22,6 +23,11 @@ typedef char bins_fit[sizeof(lull_exposure_row) <= LULL_PLAN_BINS ? 1 : -1];
 #define MOST_DETAIL 10.0f
 #define WILD_DETAIL 160.0f
 #define WILD 0.25f, 6.6666667f /* the part of cells with much: a ramp */
+
+/* Rough cells, neither calm nor wild, are noise if means of 2x2 pixels leave less of their detail;
+ * and the part of them that is noise, up to which a frame may be calm: a ramp downwards. */
+#define COARSE 0.6f
+#define NOT_CALM 0.42f, -12.5f
 
 /* Of five pixels in a row or column two on either side are alike, and the sides far apart; an edge
  * is sharp if the pixel between is like one of them. Sums of the albedo's channels. */
@@ -46,19 +52,43 @@ static unsigned spacing(const lull_frame *frame)
     return step;
 }
 
-/* What a cell is, from detail summed over its differences and light over its pixels, of three
- * channels. */
-static void add_cell(lull_calm_row *row, float detail, float light)
+static float size_of(float v) { return v < 0.0f ? -v : v; }
+
+/* The sum of what SIDE x SIDE differences are between means of 2x2 pixels, two apart. */
+static float coarse_of(float d[SIDE][SIDE])
 {
-    detail *= DETAIL_GAIN;
+    float sum = 0.0f;
+    for (unsigned y = 0; y + 2 < SIDE; y++) {
+        for (unsigned x = 0; x + 2 < SIDE; x++) {
+            float of_row[3];
+            for (unsigned i = 0; i < 3; i++) {
+                const float *v = d[y + i] + x;
+                of_row[i] = (v[0] + v[2]) + (v[1] + v[1]);
+            }
+            sum += size_of((of_row[0] + of_row[2]) + (of_row[1] + of_row[1]));
+        }
+    }
+    return sum;
+}
+
+/* What a cell is, from its differences and the light summed over its pixels, of three channels. */
+static void add_cell(lull_calm_row *row, float d[SIDE][SIDE], float light)
+{
+    float sum = 0.0f, detail;
+    for (unsigned y = 0; y < SIDE; y++)
+        for (unsigned x = 0; x < SIDE; x++)
+            sum += size_of(d[y][x]);
+    detail = sum * DETAIL_GAIN;
     light += DETAIL_EPSILON;
     if (detail < light * LEAST_DETAIL)
         return; /* sky, lamps, what is clipped: they say nothing */
     row->cells++;
     if (detail < light * MOST_DETAIL)
         row->calm++;
-    if (detail >= light * WILD_DETAIL)
+    else if (detail >= light * WILD_DETAIL)
         row->wild++;
+    else if (coarse_of(d) < sum * COARSE)
+        row->noise++;
 }
 
 static float distance(float a, float b) { return a < b ? b - a : a - b; }
@@ -98,7 +128,7 @@ static void look_at_albedo(lull_calm_row *row, const lull_task *t, unsigned x, u
 /* The cell at pixel (x, y). */
 static void look_at(lull_calm_row *row, const lull_task *t, unsigned x, unsigned y)
 {
-    float above[SIDE] = {0}, detail = 0.0f, light = 0.0f;
+    float above[SIDE] = {0}, d[SIDE][SIDE], light = 0.0f;
     for (unsigned dy = 0; dy <= SIDE; dy++) {
         float pixels[3 * (SIDE + 1)], v[SIDE + 1];
         lull_encoding from;
@@ -107,15 +137,15 @@ static void look_at(lull_calm_row *row, const lull_task *t, unsigned x, unsigned
         for (unsigned i = 0; i <= SIDE; i++)
             v[i] = (pixels[3 * i] + pixels[3 * i + 1]) + pixels[3 * i + 2];
         for (unsigned i = 0; i < SIDE; i++) {
-            float across = v[i] - v[i + 1], change = above[i] - across;
+            float across = v[i] - v[i + 1];
             if (dy > 0)
-                detail += change < 0.0f ? -change : change;
+                d[dy - 1][i] = above[i] - across;
             if (dy < SIDE)
                 light += v[i];
             above[i] = across;
         }
     }
-    add_cell(row, detail, light);
+    add_cell(row, d, light);
     look_at_albedo(row, t, x, y);
 }
 
@@ -131,11 +161,12 @@ void lull_exec_calm_row(lull_calm_row *row, const lull_task *t, unsigned index)
 
 static lull_calm_row sum_of(const lull_calm_row *rows, unsigned n)
 {
-    lull_calm_row sum = {0, 0, 0, 0, 0};
+    lull_calm_row sum = {0, 0, 0, 0, 0, 0};
     for (unsigned i = 0; i < n; i++) {
         sum.cells = (uint16_t)(sum.cells + rows[i].cells);
         sum.calm = (uint16_t)(sum.calm + rows[i].calm);
         sum.wild = (uint16_t)(sum.wild + rows[i].wild);
+        sum.noise = (uint16_t)(sum.noise + rows[i].noise);
         sum.edges = (uint16_t)(sum.edges + rows[i].edges);
         sum.sharp = (uint16_t)(sum.sharp + rows[i].sharp);
     }
@@ -150,7 +181,8 @@ static float share_of(unsigned part, unsigned whole)
 float lull_calm_share(const lull_calm_row *rows, unsigned n)
 {
     const lull_calm_row all = sum_of(rows, n);
-    return share_of(all.calm, all.cells);
+    unsigned rough = (unsigned)all.cells - all.calm - all.wild;
+    return share_of(all.calm, all.cells) * lull_ramp(share_of(all.noise, rough), NOT_CALM);
 }
 
 float lull_ragged_share(const lull_calm_row *rows, unsigned n)

@@ -4,7 +4,10 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from export.calm import DETAIL_EPS, DETAIL_GAIN, LEAST_DETAIL, MOST_DETAIL, SIDE, spacing
+from export.calm import (COARSE, DETAIL_EPS, DETAIL_GAIN, LEAST_DETAIL, MOST_DETAIL, NOT_CALM, SIDE,
+                         WILD_DETAIL, spacing)
+
+Details = tuple[Tensor, Tensor, Tensor]  # detail of cells, what it is relative to, if it is noise
 
 
 def cells_of(image: Tensor) -> Tensor:
@@ -16,12 +19,22 @@ def cells_of(image: Tensor) -> Tensor:
     return light.unfold(1, SIDE + 1, step).unfold(2, SIDE + 1, step)
 
 
+def ramp(v: Tensor, of: tuple[float, float]) -> Tensor:
+    """export.smooth.ramp."""
+    return ((v - float(of[0])) * float(of[1])).clamp(0.0, 1.0)
+
+
 @torch.no_grad()
-def details_of(radiance: Tensor) -> tuple[Tensor, Tensor]:
-    """Detail of cells of exposed radiance [N,3,H,W], and what it is relative to."""
+def details_of(radiance: Tensor) -> Details:
+    """export.calm.details_of of exposed radiance [N,3,H,W]."""
     cells = cells_of(radiance)
-    detail = cells.diff(dim=3).diff(dim=4).abs().sum((3, 4)) * float(DETAIL_GAIN)
-    return detail, cells[..., :SIDE, :SIDE].sum((3, 4)) + float(DETAIL_EPS)
+    d = cells.diff(dim=3).diff(dim=4)
+    rows = d[..., :-2] + d[..., 2:] + 2 * d[..., 1:-1]
+    coarse = rows[..., :-2, :] + rows[..., 2:, :] + 2 * rows[..., 1:-1, :]
+    detail = d.abs().sum((3, 4))
+    noise = coarse.abs().sum((3, 4)) < detail * float(COARSE)
+    base = cells[..., :SIDE, :SIDE].sum((3, 4)) + float(DETAIL_EPS)
+    return detail * float(DETAIL_GAIN), base, noise
 
 
 def share_of(part: Tensor, whole: Tensor) -> Tensor:
@@ -30,9 +43,11 @@ def share_of(part: Tensor, whole: Tensor) -> Tensor:
     return (part.sum(dims) / whole.sum(dims).clamp(min=1)).view(-1, 1, 1, 1)
 
 
-def calm_share(details: tuple[Tensor, Tensor]) -> Tensor:
-    """Shares of calm cells, [N,1,1,1], of the `details_of` images."""
-    detail, base = details
+def calm_share(details: Details) -> Tensor:
+    """export.calm.calm_share of each tile, [N,1,1,1], of its `details_of`."""
+    detail, base, is_noise = details
     counts = detail >= base * float(LEAST_DETAIL)
     calm = counts & (detail < base * float(MOST_DETAIL))
-    return share_of(calm, counts).to(base.dtype)
+    rough = counts & ~calm & (detail < base * float(WILD_DETAIL))
+    noise = ramp(share_of(rough & is_noise, rough), NOT_CALM)
+    return (share_of(calm, counts) * noise).to(base.dtype)

@@ -5,22 +5,17 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from export.calm import LEAST_DETAIL
+from export.calm import LEAST_DETAIL, WILD_DETAIL
 from export.edges import (CONTRAST, EDGE_EPS, EVENNESS, FEW, FLAT, LINES, SHARE, SHARP, STEP, TINY,
-                          WILD, WILD_DETAIL)
-from training.calm import cells_of, share_of
-
-
-def ramp(v: Tensor, of: tuple[float, float]) -> Tensor:
-    """export.smooth.ramp."""
-    return ((v - float(of[0])) * float(of[1])).clamp(0.0, 1.0)
+                          WILD)
+from training.calm import Details, cells_of, ramp, share_of
 
 
 @torch.no_grad()
-def ragged(details: tuple[Tensor, Tensor], albedo: Tensor, has_albedo: Tensor) -> Tensor:
+def ragged(details: Details, albedo: Tensor, has_albedo: Tensor) -> Tensor:
     """How ragged edges are, [N,1,1,1], as export.edges.ragged: of the `details_of` exposed radiance
     and albedo [N,3,H,W], 0 where has_albedo [N,1,1,1] is."""
-    detail, base = details
+    detail, base, _ = details
     counts = detail >= base * float(LEAST_DETAIL)
     wild = share_of(counts & (detail >= base * float(WILD_DETAIL)), counts)
     cells = cells_of(albedo)

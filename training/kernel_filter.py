@@ -22,9 +22,9 @@ from export.smooth import (ABOVE, BALANCE_EPS, BESIDE, CALM, CALM_ALONE, CALM_SP
                            SHARE_PER_CODE, SHARE_PER_CODE_ALONE, SPARK, SPARKS_LEAST,
                            SPARKS_SQUARED, SPARK_CODES, WIDTH_MIN, WIDTH_PER_CODE)
 from training import fused, regression
-from training.calm import calm_share, details_of
+from training.calm import calm_share, details_of, ramp
 from training.cells import BAND, between, cell_means
-from training.edges import averaged, ragged, ramp
+from training.edges import averaged, ragged
 
 SIDE, RADIUS, TAPS = 5, 2, 25
 LEVELS = 5
