@@ -36,7 +36,6 @@ typedef char bins_fit[sizeof(lull_exposure_row) <= LULL_PLAN_BINS ? 1 : -1];
 #define FEW 16u          /* edges that tell nothing */
 #define SHARP 0.3f, 5.0f /* the part of them that is: a ramp */
 
-
 static unsigned cells_along(unsigned size, unsigned step)
 {
     return size > SIDE ? (size - SIDE - 1) / step + 1 : 0;
@@ -52,8 +51,6 @@ static unsigned spacing(const lull_frame *frame)
     return step;
 }
 
-static float size_of(float v) { return v < 0.0f ? -v : v; }
-
 /* The sum of what SIDE x SIDE differences are between means of 2x2 pixels, two apart. */
 static float coarse_of(float d[SIDE][SIDE])
 {
@@ -65,7 +62,7 @@ static float coarse_of(float d[SIDE][SIDE])
                 const float *v = d[y + i] + x;
                 of_row[i] = (v[0] + v[2]) + (v[1] + v[1]);
             }
-            sum += size_of((of_row[0] + of_row[2]) + (of_row[1] + of_row[1]));
+            sum += lull_abs((of_row[0] + of_row[2]) + (of_row[1] + of_row[1]));
         }
     }
     return sum;
@@ -77,7 +74,7 @@ static void add_cell(lull_calm_row *row, float d[SIDE][SIDE], float light)
     float sum = 0.0f, detail;
     for (unsigned y = 0; y < SIDE; y++)
         for (unsigned x = 0; x < SIDE; x++)
-            sum += size_of(d[y][x]);
+            sum += lull_abs(d[y][x]);
     detail = sum * DETAIL_GAIN;
     light += DETAIL_EPSILON;
     if (detail < light * LEAST_DETAIL)
@@ -91,17 +88,15 @@ static void add_cell(lull_calm_row *row, float d[SIDE][SIDE], float light)
         row->noise++;
 }
 
-static float distance(float a, float b) { return a < b ? b - a : a - b; }
-
 /* What five pixels of the albedo are, `step` apart. */
 static void add_edge(lull_calm_row *row, const float *v, unsigned step)
 {
     float before = v[step], between = v[2 * step], after = v[3 * step];
-    if (!(distance(v[0], before) <= FLAT && distance(after, v[4 * step]) <= FLAT &&
-          distance(before, after) >= STEP))
+    if (!(lull_abs(v[0] - before) <= FLAT && lull_abs(after - v[4 * step]) <= FLAT &&
+          lull_abs(before - after) >= STEP))
         return;
     row->edges++;
-    if (distance(before, between) <= FLAT || distance(between, after) <= FLAT)
+    if (lull_abs(before - between) <= FLAT || lull_abs(between - after) <= FLAT)
         row->sharp++;
 }
 

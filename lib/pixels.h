@@ -11,6 +11,8 @@
 
 /* ---- Single values --------------------------------------------------------------------------- */
 
+LULL_INLINE float lull_abs(float v) { return v < 0.0f ? -v : v; }
+
 /* m in [sqrt(1/2), sqrt(2)) and, as a number, the exponent *e of x = m 2^e; x finite >= FLT_MIN. */
 LULL_INLINE float lull_mantissa(float x, float *e)
 {
@@ -127,8 +129,7 @@ LULL_INLINE uint8_t lull_noise_code(const float *v, const float *f)
 {
     float apart = 0.0f, all = 0.0f;
     for (int c = 0; c < 3; c++) {
-        float e = v[1 + c] - v[0] * f[c];
-        apart += e < 0.0f ? -e : e;
+        apart += lull_abs(v[1 + c] - v[0] * f[c]);
         all += f[c];
     }
     return lull_to_code(LULL_NOISE_CODES * (apart / (v[0] * (all + LULL_NOISE_EPSILON))));
@@ -440,8 +441,7 @@ LULL_INLINE float lull_pixel_share(float share, uint8_t noise, const float *p, c
 /* What light changes by at the two ends of a line. */
 LULL_INLINE float lull_edge_change(float light, float a, float b)
 {
-    float before = a - light, after = b - light;
-    return (before < 0.0f ? -before : before) + (after < 0.0f ? -after : after);
+    return lull_abs(a - light) + lull_abs(b - light);
 }
 
 /* How much a pixel moves for each of the two ends of the line that changes least: where others

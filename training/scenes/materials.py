@@ -194,7 +194,7 @@ def palette(mi, rng: np.random.Generator, slots, pictures: list[np.ndarray], glo
     }
     out = {slot: make(np.random.default_rng([root, k]))
            for k, (slot, make) in enumerate(sorted(makers.items())) if slot in slots}
-    if prints is not None:
+    if prints is not None:  # numbered behind the others, whose seeds stay
         r, t = np.random.default_rng([root, len(makers)]), bitmap(mi, prints)
         out["print"] = two({"type": "diffuse", "reflectance": t} if r.random() < 0.6
                            else coat(r, t))

@@ -71,13 +71,13 @@ class Piece:
     door: bool
     turn: np.ndarray
     model: str
-    library: Library
+    source: Library
     lights: list[np.ndarray] = field(default_factory=list)
 
     def parts(self, prints: Prints) -> Parts:
         """Its meshes by material slot, standing on z = 0; raises ValueError for unusable models."""
         try:
-            made = _model(self.library.extract(self.model))
+            made = _model(self.source.extract(self.model))
         except (OSError, IndexError, KeyError, zipfile.BadZipFile) as err:
             raise ValueError(f"{self.model}: {err}") from None
         if not made:
@@ -142,9 +142,8 @@ class Library:
                 swap = np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]], float)  # y up to z up
                 turn[:3, :3] = swap @ y_up @ swap.T
             top = float(row.get("dropOnTopElevation", row["height"])) / 100
-            at = [[float(x) for x in row.get(f"lightSource{a}", "").split()] for a in "XYZ"]
-            lights = [np.array([x, size[1] - y, z]) / (100, 1, 100) - (size[0] / 2, size[1] / 2, 0)
-                      for x, y, z in zip(at[0], np.array(at[1]) / 100, at[2])]
+            at = ([float(x) / 100 for x in row.get(f"lightSource{a}", "").split()] for a in "XYZ")
+            lights = [np.array([x - size[0] / 2, size[1] / 2 - y, z]) for x, y, z in zip(*at)]
             out.append(Piece(row.get("category", ""), size, float(row.get("elevation", 0)) / 100,
                              top if top > 0 else None, row.get("doorOrWindow") == "true",
                              turn, model, self, lights))

@@ -50,10 +50,9 @@ def materials(path: str) -> dict[str, Material]:
         elif key == "Tr":
             m.opacity = 1 - float(rest)
         elif key == "map_Kd":
-            name = rest if os.path.exists(os.path.join(os.path.dirname(path), rest)) else (
-                rest.split() or [""])[-1]
-            full = os.path.join(os.path.dirname(path), name.replace("\\", "/"))
-            m.picture = full if os.path.isfile(full) else None
+            names = (x.replace("\\", "/") for x in (rest, *rest.split()[-1:]))  # or behind options
+            paths = (os.path.join(os.path.dirname(path), x) for x in names)
+            m.picture = next(filter(os.path.isfile, paths), None)
     return out
 
 
