@@ -5,13 +5,13 @@ from __future__ import annotations
 
 import os
 import zipfile
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from training.errors import DATA, ToolError
 
-from . import backend
 from .homes import home
 from .mesh import Mesh, rotate, scale, smooth_normals, translate
 from .pieces import Library, Piece, Reader
@@ -37,6 +37,33 @@ class Assets:
         if not self.pieces or rng.random() > HOMES:
             return None
         return "home", home(rng, self.pieces, self.picture)
+
+    def add(self, path: str) -> None:
+        """The pieces of a library, and some of its pictures."""
+        library = Library(path)
+        self.pieces += library.pieces
+        self.pictures += [self.picture(p) for p in library.pictures(LIBRARY_PICTURES)]
+
+    def read(self, folder: str, readers: dict[tuple[str, ...], Callable[[str], object]]) -> None:
+        """The files of a folder and its subfolders, in sorted order: libraries, and what there are
+        readers for, by the ends of names. Raises ToolError for unreadable ones."""
+        if not os.path.isdir(folder):
+            raise ToolError(f"--assets: {folder} is not a folder", DATA)
+        readers = {**readers, (".sh3f",): self.add}
+        read = 0
+        for path in sorted(os.path.join(d, x) for d, _, files in os.walk(folder) for x in files):
+            for ends, reader in readers.items():
+                if path.lower().endswith(ends):
+                    read += 1
+                    try:
+                        reader(path)
+                    except (RuntimeError, ValueError, KeyError, OSError,
+                            zipfile.BadZipFile) as err:
+                        raise ToolError(f"--assets: {path}: {str(err).splitlines()[0]}",
+                                        DATA) from None
+        if not read:
+            ends = ", ".join(x for e in readers for x in e)
+            raise ToolError(f"--assets: {folder} holds no file that is of use ({ends})", DATA)
 
     def furnish(self, rng: np.random.Generator, stage) -> None:
         """Stands some of the meshes on the floor of a stage."""
@@ -73,6 +100,7 @@ def _mesh(mi, path: str) -> Mesh:
 
 
 def _image(mi, path: str) -> np.ndarray:
+    from . import backend
     with backend.reading():
         b = mi.Bitmap(path).convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, False)
     return np.nan_to_num(np.array(b), posinf=6e4, neginf=0.0).clip(0, 6e4)
@@ -81,26 +109,9 @@ def _image(mi, path: str) -> np.ndarray:
 def load(mi, folder: str | None) -> Assets:
     """Reads a folder (with subfolders), in sorted order. Raises ToolError for unreadable files."""
     out = Assets(picture=lambda path: np.clip(_image(mi, path), 0.0, 1.0))
-    if folder is None:
-        return out
-    if not os.path.isdir(folder):
-        raise ToolError(f"--assets: {folder} is not a folder", DATA)
-    paths = sorted(os.path.join(d, x) for d, _, files in os.walk(folder) for x in files)
-    for path in paths:
-        end = os.path.splitext(path)[1].lower()
-        try:
-            if end in (".ply", ".obj"):
-                out.meshes.append(_mesh(mi, path))
-            elif end in (".png", ".jpg", ".jpeg"):
-                out.pictures.append(out.picture(path))
-            elif end in (".exr", ".hdr"):
-                out.skies.append(_image(mi, path))
-            elif end == ".sh3f":
-                library = Library(path)
-                out.pieces += library.pieces
-                out.pictures += [out.picture(p) for p in library.pictures(LIBRARY_PICTURES)]
-        except (RuntimeError, ValueError, KeyError, OSError, zipfile.BadZipFile) as err:
-            raise ToolError(f"--assets: {path}: {str(err).splitlines()[0]}", DATA) from None
-    if not (out.meshes or out.pictures or out.skies or out.pieces):
-        raise ToolError(f"--assets: {folder} holds no mesh, picture, environment or library", DATA)
+    if folder is not None:
+        out.read(folder, readers={
+            (".ply", ".obj"): lambda path: out.meshes.append(_mesh(mi, path)),
+            (".png", ".jpg", ".jpeg"): lambda path: out.pictures.append(out.picture(path)),
+            (".exr", ".hdr"): lambda path: out.skies.append(_image(mi, path))})
     return out

@@ -15,6 +15,7 @@ from .assets import Assets
 from .features import FeatureSettings
 from .mesh import merge, scale, translate, write_ply
 from .stage import Stage
+from .views import choose
 
 FILTERS = (({"type": "box"}, 0.72), ({"type": "tent"}, 0.08),
            ({"type": "gaussian", "stddev": 0.5}, 0.1),
@@ -157,16 +158,8 @@ def _fog(mi, rng, stage: Stage, density: float):
     return {"fog": block}, medium, lo, hi
 
 
-def probe(mi, scene, eye, target, fov: float, n: int = 32):
-    """Distances (n,n; inf = miss) and ids of the surfaces seen from eye."""
-    eye, d = np.asarray(eye, float), np.asarray(target, float) - eye
-    d /= np.linalg.norm(d)
-    x = np.cross(d, (0, 0, 1.0))
-    x /= max(np.linalg.norm(x), 1e-9)
-    y = np.cross(x, d)
-    t = np.tan(np.radians(fov) / 2) * (2 * (np.arange(n) + 0.5) / n - 1)
-    dirs = d + x * t[None, :, None] - y * t[:, None, None]
-    dirs = (dirs / np.linalg.norm(dirs, axis=-1, keepdims=True)).reshape(-1, 3)
+def probe(mi, scene, eye: np.ndarray, dirs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Distances (n; inf = miss) and ids of what is seen from eye along unit vectors (n, 3)."""
     if "scalar" in mi.variant():
         dist, ids = [], []
         for v in dirs:
@@ -174,55 +167,26 @@ def probe(mi, scene, eye, target, fov: float, n: int = 32):
                 mi.Ray3f([float(a) for a in eye], [float(a) for a in v]), False)
             dist.append(p.t if p.is_valid() else np.inf)
             ids.append(p.prim_index)
-        return np.array(dist, float).reshape(n, n), np.array(ids).reshape(n, n)
+        return np.array(dist, float), np.array(ids)
     ray = mi.Ray3f(mi.Point3f([float(a) for a in eye]),
                    mi.Vector3f(*(mi.Float(dirs[:, k].astype(np.float32)) for k in range(3))))
     p = scene.ray_intersect_preliminary(ray, False)
     dist = np.where(np.array(p.is_valid()), np.array(p.t), np.inf)
-    return dist.reshape(n, n), np.array(p.prim_index).reshape(n, n)
-
-
-def _score(dist: np.ndarray, ids: np.ndarray, near: float) -> float:
-    """How worth looking at a view is; -1 for a bad one."""
-    hit = np.isfinite(dist)
-    if hit.mean() < 0.3 or np.percentile(dist, 3) < near:
-        return -1.0
-    log = np.log(np.where(hit, dist, dist[hit].max() * 2))
-    edges = sum((np.abs(np.diff(log, axis=k)) > 0.1).mean() for k in (0, 1))
-    return float(min(edges, 0.5) + 0.2 * log.std() + 0.1 * (np.diff(ids, axis=0) != 0).mean())
+    return dist, np.array(p.prim_index)
 
 
 def _camera(mi, rng, scene, stage: Stage, name: str) -> tuple[dict, float]:
     """Best of some random views, as a sensor dictionary, and its lens radius."""
-    best = (-2.0, None)
-    near = 0.12 if name == "still" else 0.35
-    for k in range(24):
-        (elo, ehi), (tlo, thi) = stage.eyes[rng.integers(len(stage.eyes))]
-        eye, target = rng.uniform(elo, ehi), rng.uniform(tlo, thi)
-        fov = float(rng.uniform(30, 75))
-        if np.hypot(*(eye - target)[:2]) < 0.4:
-            continue
-        dist, ids = probe(mi, scene, eye, target, fov)
-        s = _score(dist, ids, near)
-        if s > best[0]:
-            best = (s, (eye, target, fov, dist))
-        if k >= 7 and best[0] > 0:
-            break
-    if best[1] is None or best[0] < 0:
-        raise ValueError("no view")
-    eye, target, fov, dist = best[1]
-    aim = mi.ScalarTransform4f().look_at(origin=[float(x) for x in eye],
-                                         target=[float(x) for x in target],
-                                         up=[float(rng.normal() * 0.03), 0.0, 1.0])
-    cam = {"type": "perspective", "fov": fov, "fov_axis": "smaller", "to_world": aim,
+    view = choose(rng, stage, name, lambda eye, dirs: probe(mi, scene, eye, dirs))
+    aim = mi.ScalarTransform4f().look_at(origin=[float(x) for x in view.eye],
+                                         target=[float(x) for x in view.target],
+                                         up=[view.roll, 0.0, 1.0])
+    cam = {"type": "perspective", "fov": view.fov, "fov_axis": "smaller", "to_world": aim,
            "near_clip": 0.01, "far_clip": 1000.0}
-    radius = 0.0
-    if rng.random() < 0.28:
-        seen = dist[np.isfinite(dist)]
-        focus = float(rng.choice(seen))
-        radius = focus * float(rng.uniform(0.004, 0.035))
-        cam |= {"type": "thinlens", "aperture_radius": radius, "focus_distance": focus}
-    return cam, radius
+    if view.aperture:
+        cam |= {"type": "thinlens", "aperture_radius": view.aperture,
+                "focus_distance": view.focus}
+    return cam, view.aperture
 
 
 def _window(mi, rng: np.random.Generator, camera: dict) -> tuple[dict, float]:

@@ -1,0 +1,164 @@
+"""Training data by Blender's Cycles: what a run refuses, and, with bpy, what it renders."""
+from __future__ import annotations
+
+import importlib.util
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from training import errors
+from training.features import load
+from training.scan import scan
+from training.scenes import cycles, views
+
+needs_bpy = pytest.mark.skipif(
+    importlib.util.find_spec("bpy") is None,
+    reason="optional: bpy (Blender as a Python module) is not installed")
+FEATURES = ["hdr", "alb", "nrm"]
+
+OWN = """
+import sys
+import bpy
+bpy.ops.wm.read_factory_settings(use_empty=False)  # a cube, a lamp and a camera
+bpy.ops.mesh.primitive_plane_add(size=40, location=(0, 0, -1))
+first = bpy.context.scene.camera
+second = bpy.data.objects.new("Top_view", first.data)
+second.location = (0, 0, 9)
+bpy.context.collection.objects.link(second)
+cube = bpy.data.objects["Cube"]
+for frame, x in ((1, 0.0), (5, 2.0)):
+    cube.location[0] = x
+    cube.keyframe_insert("location", frame=frame)
+bpy.context.scene.render.resolution_x, bpy.context.scene.render.resolution_y = 64, 48
+bpy.context.scene.render.resolution_percentage = 50
+bpy.ops.wm.save_as_mainfile(filepath=sys.argv[1])
+"""
+
+# A strip of squares, some twice, and triangles without an area, on which Blender's normals crash.
+DEGENERATE = """
+import numpy as np
+import bpy
+from training.scenes import blender
+from training.scenes.mesh import Mesh
+bpy.ops.wm.read_factory_settings(use_empty=True)
+n = 4000
+v = np.stack([np.repeat(np.arange(n), 2), np.tile([0, 1], n), np.zeros(2 * n)], 1).astype(float)
+k = np.arange(0, 2 * n - 2, 2)[:, None]
+good = np.concatenate([k + [0, 2, 1], k + [1, 2, 3]])
+f = np.concatenate([good, good[:500, [0, 1, 1]], good[:500], good[:9, [0, 0, 0]]])
+up = np.tile([0.0, 0, 1], (2 * n, 1))
+made = blender._object(bpy, "strip", Mesh(v, f, up, v[:, :2], None))
+assert len(made.data.polygons) == len(good), len(made.data.polygons)
+assert len(made.data.uv_layers["uv"].data) == 3 * len(good)
+"""
+
+
+def start(*args: object, program: tuple[str, ...] = ("-m", "training.scenes.cycles")
+          ) -> subprocess.CompletedProcess:
+    return subprocess.run([sys.executable, *program, *map(str, args)], capture_output=True,
+                          text=True, timeout=300)
+
+
+def group_of(root: Path, name: str):
+    return next(g for g in scan(root, FEATURES).groups if g.name.endswith(name))
+
+
+@pytest.mark.parametrize("options, code, message", [
+    ([], 2, "either --blend or --seeds"),
+    (["--seeds", "1", "--blend", "a.blend"], 2, "either --blend or --seeds"),
+    (["--seeds", "1", "--spp", "4,16", "--ref", "16"], 2, "--ref: the target needs more samples"),
+    (["--seeds", "1", "--threads", "-1"], 2, "--threads"),
+    (["--seeds", "1", "--size", "0x4"], 2, "--size"),
+    (["--blend", "nowhere.blend"], 3, "nowhere.blend is not a file"),
+])
+def test_what_cannot_be_is_refused(tmp_path, options, code, message):
+    with pytest.raises(errors.ToolError, match=message) as e:
+        cycles.main([str(tmp_path / "out"), *options])
+    assert e.value.code == code and not (tmp_path / "out").exists()
+
+
+def test_without_blender_it_says_what_is_missing(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "bpy", None)
+    with pytest.raises(errors.ToolError, match="pip install bpy") as e:
+        cycles.main([str(tmp_path), "--seeds", "1"])
+    assert e.value.code == 6
+
+
+def test_views_are_scored_by_depth():
+    flat, near = np.full((32, 32), 3.0), np.full((32, 32), 0.1)
+    steps = np.where(np.arange(32) % 8 < 4, 2.0, 4.0) * np.ones((32, 1))
+    ids = np.zeros((32, 32), int)
+    assert views.score(flat, ids, 0.35) == pytest.approx(0, abs=1e-9)
+    assert views.score(steps, ids, 0.35) > 0.1
+    assert views.score(near, ids, 0.35) == views.score(np.full((32, 32), np.inf), ids, 0.35) == -1
+
+
+def test_rays_go_through_the_pixels_of_a_view():
+    dirs = views.rays(np.zeros(3), np.array([0, 5.0, 0]), 90, 2).reshape(2, 2, 3)
+    np.testing.assert_allclose(np.linalg.norm(dirs, axis=-1), 1)
+    np.testing.assert_allclose(dirs[..., 0] / dirs[..., 1], [[-0.5, 0.5]] * 2)
+    np.testing.assert_allclose(dirs[..., 2] / dirs[..., 1], [[0.5] * 2, [-0.5] * 2])
+
+
+@needs_bpy
+def test_meshes_with_triangles_without_an_area():
+    done = start(program=("-c", DEGENERATE))
+    assert done.returncode == 0, done.stderr
+
+
+@needs_bpy
+def test_procedural_scenes(tmp_path):
+    options = ["--size", "48x32", "--spp", "1,8", "--ref", "64", "--threads", "2"]
+    done = start(tmp_path, "--seeds", "9,14", *options)
+    assert done.returncode == 0, done.stderr
+    for name in ("c00009", "c00014"):
+        group = group_of(tmp_path, name)
+        images = [load(v, FEATURES) for v in [*group.inputs, group.target]]
+        noisy, less, target = images
+        assert [v.spp for v in group.inputs] == [1, 8] and target["hdr"].shape == (32, 48, 3)
+        light = [np.log1p(np.maximum(x["hdr"], 0)) for x in images]
+        assert np.square(light[0] - light[2]).mean() > np.square(light[1] - light[2]).mean() > 0
+        assert 0.05 < target["alb"].mean() < 0.95 and target["alb"].max() <= 1.01
+        assert np.linalg.norm(target["nrm"], axis=-1).max() == pytest.approx(1, abs=0.02)
+        kept = json.loads((tmp_path / name / "manifest.json").read_text())
+        assert kept["samples"] == [1, 8, 64] and kept["seed"] == int(name[1:])
+    again = start(tmp_path, "--seeds", "9,14", *options)
+    assert again.returncode == 0 and "0 scenes to render, 2 finished before" in again.stdout
+    other = start(tmp_path, "--seeds", "9", *options, "--ref", "128")
+    assert other.returncode == 4 and "ref = 64, not 128" in other.stderr
+
+
+@needs_bpy
+def test_scenes_of_ones_own(tmp_path):
+    blend = tmp_path / "my_shot.blend"
+    assert start(blend, program=("-c", OWN)).returncode == 0
+    out = tmp_path / "data"
+    done = start(out, "--blend", blend, "--frames", "1,5", "--cameras", "all", "--spp", "1,4",
+                 "--ref", "16", "--threads", "2")
+    assert done.returncode == 0, done.stderr
+    names = {f"my-shot-f000{f}-{c}" for f in (1, 5) for c in ("Camera", "Top-view")}
+    found = scan(out, FEATURES)
+    assert {g.name.split("/")[-1] for g in found.groups} == names and not found.left_out
+    targets = {n: load(group_of(out, n).target, FEATURES) for n in names}
+    assert {x["hdr"].shape for x in targets.values()} == {(24, 32, 3)}, "half of the file's"
+    for camera in ("Camera", "Top-view"):
+        a, b = (np.log1p(targets[f"my-shot-f000{f}-{camera}"]["hdr"]) for f in (1, 5))
+        assert np.abs(a - b).mean() > 0.05, "the cube has moved"
+
+
+@needs_bpy
+@pytest.mark.parametrize("options, code, message", [
+    (["--cameras", "Nobody"], 2, "has no camera 'Nobody' (but Camera, Top_view)"),
+    ([], 3, "broken.blend: ")])
+def test_scenes_of_ones_own_that_cannot_be(tmp_path, options, code, message):
+    blend = tmp_path / ("shot.blend" if options else "broken.blend")
+    if options:
+        assert start(blend, program=("-c", OWN)).returncode == 0
+    else:
+        blend.write_bytes(b"BLENDER, or not")
+    done = start(tmp_path / "data", "--blend", blend, *options)
+    assert done.returncode == code and message in done.stderr, done.stderr

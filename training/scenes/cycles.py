@@ -1,0 +1,209 @@
+"""Training data rendered by Blender's Cycles: from .blend files, or the procedural scenes.
+
+  python -m training.scenes.cycles DATA/own --blend shot.blend --frames 1,40,80 --spp 1,4,16
+  python -m training.scenes.cycles DATA/train --seeds 0:500 --assets FURNITURE
+
+Wants Blender as a Python module (pip install bpy, for the Python version that it was made for).
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import time
+from types import ModuleType
+
+import numpy as np
+
+from training import errors
+from training.errors import DATA, DEPENDENCY, OUTPUT, USAGE, ToolError
+
+from . import options, picture
+
+ATTEMPTS = 8
+
+
+def parser() -> argparse.ArgumentParser:
+    p = errors.Parser(prog="training.scenes.cycles", description=__doc__)
+    p.add_argument("out", metavar="OUT", help="folder of the data set; made if missing")
+    p.add_argument("--blend", metavar="FILE", help="a scene of your own, as it is but for size, "
+                   "samples, and what else would come after rendering")
+    p.add_argument("--frames", metavar="N,N", help="with --blend: these frames (default: the "
+                   "current one)")
+    p.add_argument("--cameras", metavar="A,B", help="with --blend: these cameras, or all (default: "
+                   "the active one)")
+    p.add_argument("--seeds", help="procedural scenes: 0:500 (end excluded), 7, or 3,7,20:40")
+    p.add_argument("--assets", metavar="DIR", help="with --seeds: furniture libraries (.sh3f)")
+    p.add_argument("--size", help="pixels: 256 or 320x208 (width x height; default: the size of "
+                   "FILE, or 256)")
+    p.add_argument("--spp", default="1,4,16", help="sample counts of the noisy images")
+    p.add_argument("--pick", type=int, default=0, metavar="N",
+                   help="how many of the counts a picture gets, drawn per seed (0 = all)")
+    p.add_argument("--ref", default="1024", help="samples of the target")
+    p.add_argument("--shard", default="0/1", metavar="i/n",
+                   help="the i-th of n shares of the pictures, i from 0")
+    p.add_argument("--threads", type=int, default=0, help="CPU threads, 0 = all cores")
+    return p
+
+
+def start() -> ModuleType:
+    try:
+        import bpy
+    except ImportError as err:
+        raise ToolError(f"Blender's Python module is missing (pip install bpy): {err}",
+                        DEPENDENCY) from None
+    return bpy
+
+
+def set_up(scene, size: tuple[int, int] | None, threads: int) -> None:
+    """Cycles, features beside the radiance, and nothing that would change either afterwards. size:
+    or None for the scene's own."""
+    scene.render.engine = "CYCLES"
+    cycles, render = scene.cycles, scene.render
+    cycles.device, cycles.use_denoising, cycles.use_adaptive_sampling = "CPU", False, False
+    scene.view_layers[0].cycles.denoising_store_passes = True
+    for layer in scene.view_layers[1:]:
+        layer.use = False
+    render.use_compositing = render.use_sequencer = render.use_border = False
+    if size:
+        render.resolution_x, render.resolution_y = size
+        render.resolution_percentage = 100
+    render.use_persistent_data = True  # from one sample count to the next
+    render.threads_mode = "FIXED" if threads else "AUTO"
+    render.threads = threads or render.threads
+    settings = render.image_settings
+    if hasattr(settings, "media_type"):  # since Blender 5
+        settings.media_type = "MULTI_LAYER_IMAGE"
+    settings.file_format, settings.color_depth = "OPEN_EXR_MULTILAYER", "16"
+    settings.exr_codec = "ZIP"
+    render.use_file_extension = False
+
+
+def levels(bpy, out: str, name: str, counts: list[int], seed: int, manifest: dict) -> float:
+    """Renders the current scene at these counts into out/name, which appears when all are done;
+    the seconds that it took."""
+    scene, begin = bpy.context.scene, time.time()
+    with picture.folder(out, name) as temporary:
+        for spp in reversed(counts):  # an unfinished group has its target at least
+            path = os.path.join(temporary, f"{name}_{spp:04d}spp.exr")
+            scene.cycles.samples, scene.cycles.seed = spp, (seed * 1000 + spp) & 0x7FFFFFFF
+            scene.render.filepath = path
+            bpy.ops.render.render(write_still=True)
+            if not os.path.exists(path):
+                raise ToolError(f"{path}: Blender wrote nothing", OUTPUT)
+        seconds = round(time.time() - begin, 2)
+        picture.publish(out, name, {**manifest, "blender": bpy.app.version_string,
+                                    "samples": counts, "seconds": seconds})
+    return seconds
+
+
+def build(bpy, seed: int, attempt: int, stock, size: tuple[int, int], threads: int) -> str:
+    """The procedural scene of a seed as the current one; its layout. ValueError without a view."""
+    from . import blender, layouts, views
+    streams = [np.random.default_rng([seed, attempt, 100 + k]) for k in range(3)]
+    name, stage = stock.home(streams[0]) or layouts.make(streams[0])
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    set_up(bpy.context.scene, size, threads)
+    blender.furnish(bpy, streams[1], stage, stock.pictures, 512 if max(size) > 160 else 256)
+    view = views.choose(streams[2], stage, name,
+                        lambda eye, dirs: blender.probe(bpy, eye, dirs))
+    blender.place_camera(bpy, view)
+    bpy.context.scene.cycles.max_bounces = int(streams[2].integers(4, 12))
+    return name
+
+
+def library(bpy, folder: str | None):
+    """Assets of the furniture libraries in a folder."""
+    from . import assets, blender
+    stock = assets.Assets(picture=lambda path: blender.picture(bpy, path))
+    if folder:
+        stock.read(folder, readers={})
+    return stock
+
+
+def procedural(bpy, args: argparse.Namespace, counts: list[int], target: int,
+               size: tuple[int, int]) -> None:
+    from .render import draw_counts
+    seeds = options.shard(options.seed_list(args.seeds), args.shard)
+    kept = {k: getattr(args, k) for k in ("size", "spp", "pick", "ref")}
+    kept["assets"] = bool(args.assets)
+    todo = options.unfinished(args.out, seeds, "c", "scenes to render", kept)
+    stock = library(bpy, args.assets)
+    for k, seed in enumerate(todo):
+        noisy = draw_counts(np.random.default_rng([seed, 99]), counts, args.pick, target)
+        for attempt in range(ATTEMPTS):
+            try:
+                layout = build(bpy, seed, attempt, stock, size, args.threads)
+                break
+            except ValueError:
+                continue
+        else:
+            print(f"warning: seed {seed}: no usable view in {ATTEMPTS} attempts", file=sys.stderr)
+            continue
+        seconds = levels(bpy, args.out, f"c{seed:05d}", [*noisy, target], seed,
+                         {"seed": seed, "layout": layout, "options": kept})
+        print(f"{k + 1}/{len(todo)} c{seed:05d} {layout} {noisy} + {target} spp, {seconds} s",
+              flush=True)
+
+
+def own(bpy, args: argparse.Namespace, counts: list[int], size: tuple[int, int] | None) -> None:
+    """Frames and cameras of a .blend file."""
+    try:
+        bpy.ops.wm.open_mainfile(filepath=os.path.abspath(args.blend), load_ui=False)
+    except RuntimeError as err:
+        raise ToolError(f"{args.blend}: {str(err).strip().splitlines()[-1]}", DATA) from None
+    scene = bpy.context.scene
+    cameras = {x.name: x for x in scene.objects if x.type == "CAMERA"}
+    names = list(cameras) if args.cameras == "all" else (
+        args.cameras.split(",") if args.cameras else [scene.camera.name] if scene.camera else [])
+    for name in names:
+        if name not in cameras:
+            raise ToolError(f"--cameras: {args.blend} has no camera {name!r} (but "
+                            f"{', '.join(cameras) or 'none'})", USAGE)
+    if not names:
+        raise ToolError(f"{args.blend}: no camera", DATA)
+    frames = (options.count_list(args.frames, "--frames", 0) if args.frames
+              else [scene.frame_current])
+    set_up(scene, size, args.threads)
+    base = os.path.splitext(os.path.basename(args.blend))[0].replace("_", "-")
+    kept = {k: getattr(args, k) for k in ("size", "spp", "ref")}
+    jobs = options.shard([(f, c) for f in frames for c in names], args.shard)
+    for k, (frame, camera) in enumerate(jobs):
+        name = f"{base}-f{frame:04d}" + (f"-{camera.replace('_', '-')}" if len(names) > 1 else "")
+        if options.is_finished(args.out, name, kept):
+            continue
+        scene.frame_set(frame)
+        scene.camera = cameras[camera]
+        seconds = levels(bpy, args.out, name, counts, frame,
+                         {"blend": os.path.basename(args.blend), "frame": frame,
+                          "camera": camera, "options": kept})
+        print(f"{k + 1}/{len(jobs)} {name} {counts} spp, {seconds} s", flush=True)
+
+
+def run(args: argparse.Namespace) -> None:
+    counts = options.count_list(args.spp, "--spp")
+    target, = options.count_list(args.ref, "--ref", 2)[-1:]
+    size = options.size_pair(args.size) if args.size else None
+    if bool(args.blend) == bool(args.seeds):
+        raise ToolError("either --blend or --seeds is wanted", USAGE)
+    if counts[-1] >= target:
+        raise ToolError("--ref: the target needs more samples than any of --spp", USAGE)
+    if args.blend and not os.path.isfile(args.blend):
+        raise ToolError(f"--blend: {args.blend} is not a file", DATA)
+    if args.threads < 0:
+        raise ToolError("--threads must be at least 0", USAGE)
+    options.make_folder(args.out)
+    bpy = start()
+    if args.blend:
+        own(bpy, args, [*counts, target], size)
+    else:
+        procedural(bpy, args, counts, target, size or (256, 256))
+
+
+def main(argv: list[str] | None = None) -> None:
+    run(parser().parse_args(argv))
+
+
+if __name__ == "__main__":
+    errors.run(main)
