@@ -35,6 +35,9 @@ for frame, x in ((1, 0.0), (5, 2.0)):
     cube.keyframe_insert("location", frame=frame)
 bpy.context.scene.render.resolution_x, bpy.context.scene.render.resolution_y = 64, 48
 bpy.context.scene.render.resolution_percentage = 50
+bpy.context.scene.view_layers[0].use = False
+bpy.context.scene.view_layers.new("second")
+bpy.context.scene.cycles.time_limit = 0.001
 bpy.ops.wm.save_as_mainfile(filepath=sys.argv[1])
 """
 

@@ -62,9 +62,11 @@ def set_up(scene, size: tuple[int, int] | None, threads: int) -> None:
     scene.render.engine = "CYCLES"
     cycles, render = scene.cycles, scene.render
     cycles.device, cycles.use_denoising, cycles.use_adaptive_sampling = "CPU", False, False
-    scene.view_layers[0].cycles.denoising_store_passes = True
-    for layer in scene.view_layers[1:]:
-        layer.use = False
+    cycles.time_limit = 0
+    kept = next((x for x in scene.view_layers if x.use), scene.view_layers[0])
+    for layer in scene.view_layers:
+        layer.use = layer == kept
+    kept.cycles.denoising_store_passes = True
     render.use_compositing = render.use_sequencer = render.use_border = False
     if size:
         render.resolution_x, render.resolution_y = size
