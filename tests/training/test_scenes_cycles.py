@@ -73,7 +73,8 @@ def group_of(root: Path, name: str):
 @pytest.mark.parametrize("options, code, message", [
     ([], 2, "either --blend or --seeds"),
     (["--seeds", "1", "--blend", "a.blend"], 2, "either --blend or --seeds"),
-    (["--seeds", "1", "--spp", "4,16", "--ref", "16"], 2, "--ref: the target needs more samples"),
+    (["--seeds", "1", "--spp", "4,16", "--ref", "16"], 2, "--ref: targets need more samples"),
+    (["--blend", "a.blend", "--ref", "64,256"], 2, "--ref: one count"),
     (["--seeds", "1", "--threads", "-1"], 2, "--threads"),
     (["--seeds", "1", "--size", "0x4"], 2, "--size"),
     (["--blend", "nowhere.blend"], 3, "nowhere.blend is not a file"),

@@ -3,7 +3,8 @@
   python -m training.scenes.cycles DATA/own --blend shot.blend --frames 1,40,80 --spp 1,4,16
   python -m training.scenes.cycles DATA/train --seeds 0:500 --assets FURNITURE
 
-Wants Blender as a Python module (pip install bpy, for the Python version that it was made for).
+Wants Blender as a Python module, for the Python version that it was made for, and OpenEXR's (pip
+install bpy OpenEXR numpy).
 """
 
 from __future__ import annotations
@@ -11,17 +12,22 @@ from __future__ import annotations
 import argparse
 import os
 import sys
+import tempfile
 import time
+from pathlib import Path
 from types import ModuleType
 
 import numpy as np
 
 from training import errors
 from training.errors import DATA, DEPENDENCY, OUTPUT, USAGE, ToolError
+from training.features import load
+from training.scan import Version
 
 from . import options, picture
+from .render import ATTEMPTS, PILOT, draw_counts, judge_pair, noise_at, target_of
 
-ATTEMPTS = 8
+FEATURES = ["hdr", "alb", "nrm"]
 
 
 def parser() -> argparse.ArgumentParser:
@@ -40,7 +46,8 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--spp", default="1,4,16", help="sample counts of the noisy images")
     p.add_argument("--pick", type=int, default=0, metavar="N",
                    help="how many of the counts a picture gets, drawn per seed (0 = all)")
-    p.add_argument("--ref", default="1024", help="samples of the target")
+    p.add_argument("--ref", default="1024", help="samples of the target; with --seeds a list gives "
+                   "each scene the least that leaves it clean")
     p.add_argument("--shard", default="0/1", metavar="i/n",
                    help="the i-th of n shares of the pictures, i from 0")
     p.add_argument("--threads", type=int, default=0, help="CPU threads, 0 = all cores")
@@ -82,18 +89,32 @@ def set_up(scene, size: tuple[int, int] | None, threads: int) -> None:
     render.use_file_extension = False
 
 
+def shoot(bpy, path: str, samples: int, seed: int) -> None:
+    """Renders the current scene into a file."""
+    scene = bpy.context.scene
+    scene.cycles.samples, scene.cycles.seed, scene.render.filepath = samples, seed, path
+    bpy.ops.render.render(write_still=True)
+    if not os.path.exists(path):
+        raise ToolError(f"{path}: Blender wrote nothing", OUTPUT)
+
+
+def pilot(bpy, seed: int) -> np.ndarray:
+    """Radiance, albedo and normals (h, w, 9) of a few samples."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = os.path.join(folder, "pilot.exr")
+        shoot(bpy, path, PILOT, seed)
+        images = load(Version("pilot", PILOT, None, files={"*": Path(path)}), FEATURES)
+    return np.concatenate([images[f] for f in FEATURES], -1)
+
+
 def levels(bpy, out: str, name: str, counts: list[int], seed: int, manifest: dict) -> float:
     """Renders the current scene at these counts into out/name, which appears when all are done;
     the seconds that it took."""
-    scene, begin = bpy.context.scene, time.time()
+    begin = time.time()
     with picture.folder(out, name) as temporary:
         for spp in reversed(counts):  # an unfinished group has its target at least
-            path = os.path.join(temporary, f"{name}_{spp:04d}spp.exr")
-            scene.cycles.samples, scene.cycles.seed = spp, (seed * 1000 + spp) & 0x7FFFFFFF
-            scene.render.filepath = path
-            bpy.ops.render.render(write_still=True)
-            if not os.path.exists(path):
-                raise ToolError(f"{path}: Blender wrote nothing", OUTPUT)
+            shoot(bpy, os.path.join(temporary, f"{name}_{spp:04d}spp.exr"), spp,
+                  (seed * 1000 + spp) & 0x7FFFFFFF)
         seconds = round(time.time() - begin, 2)
         picture.publish(out, name, {**manifest, "blender": bpy.app.version_string,
                                     "samples": counts, "seconds": seconds})
@@ -124,33 +145,48 @@ def library(bpy, folder: str | None):
     return stock
 
 
-def procedural(bpy, args: argparse.Namespace, counts: list[int], target: int,
+def worth_rendering(bpy, seed: int, stock, size: tuple[int, int], threads: int
+                    ) -> tuple[dict, float]:
+    """Builds the scene of a seed; what its manifest says and the noise of a pilot. Raises ToolError
+    if none of its attempts is of use."""
+    why = []
+    for attempt in range(ATTEMPTS):
+        try:
+            layout = build(bpy, seed, attempt, stock, size, threads)
+        except ValueError as err:
+            why.append(str(err))
+            continue
+        fault, noise = judge_pair(*(pilot(bpy, seed * 1000 + k) for k in (998, 999)))
+        if not fault:
+            return {"seed": seed, "layout": layout, "rejected": why}, noise
+        why.append(fault)
+    raise ToolError(f"no usable view in {ATTEMPTS} attempts ({', '.join(why)})", DATA)
+
+
+def procedural(bpy, args: argparse.Namespace, counts: list[int], targets: list[int],
                size: tuple[int, int]) -> None:
-    from .render import draw_counts
+    """Scenes of seeds. The noise and the choice of counts are those of render."""
     seeds = options.shard(options.seed_list(args.seeds), args.shard)
     kept = {k: getattr(args, k) for k in ("size", "spp", "pick", "ref")}
     kept["assets"] = bool(args.assets)
     todo = options.unfinished(args.out, seeds, "c", "scenes to render", kept)
     stock = library(bpy, args.assets)
     for k, seed in enumerate(todo):
-        noisy = draw_counts(np.random.default_rng([seed, 99]), counts, args.pick, target)
-        for attempt in range(ATTEMPTS):
-            try:
-                layout = build(bpy, seed, attempt, stock, size, args.threads)
-                break
-            except ValueError:
-                continue
-        else:
-            print(f"warning: seed {seed}: no usable view in {ATTEMPTS} attempts", file=sys.stderr)
+        try:
+            manifest, noise = worth_rendering(bpy, seed, stock, size, args.threads)
+        except ToolError as err:
+            print(f"warning: seed {seed}: {err}", file=sys.stderr)
             continue
-        seconds = levels(bpy, args.out, f"c{seed:05d}", [*noisy, target], seed,
-                         {"seed": seed, "layout": layout, "options": kept})
-        print(f"{k + 1}/{len(todo)} c{seed:05d} {layout} {noisy} + {target} spp, {seconds} s",
-              flush=True)
+        target = target_of(noise, targets)
+        noisy = draw_counts(np.random.default_rng([seed, 99]), counts, args.pick, target)
+        manifest |= {"noise": round(noise_at(noise, target), 4), "options": kept}
+        seconds = levels(bpy, args.out, f"c{seed:05d}", [*noisy, target], seed, manifest)
+        print(f"{k + 1}/{len(todo)} c{seed:05d} {manifest['layout']} {noisy} + {target} spp, "
+              f"noise {manifest['noise']}, {seconds} s", flush=True)
 
 
 def own(bpy, args: argparse.Namespace, counts: list[int], size: tuple[int, int] | None) -> None:
-    """Frames and cameras of a .blend file."""
+    """Frames and cameras of a .blend file; counts: the target is the last."""
     try:
         bpy.ops.wm.open_mainfile(filepath=os.path.abspath(args.blend), load_ui=False)
     except RuntimeError as err:
@@ -185,12 +221,14 @@ def own(bpy, args: argparse.Namespace, counts: list[int], size: tuple[int, int] 
 
 def run(args: argparse.Namespace) -> None:
     counts = options.count_list(args.spp, "--spp")
-    target, = options.count_list(args.ref, "--ref", 2)[-1:]
+    targets = options.count_list(args.ref, "--ref", 2)
     size = options.size_pair(args.size) if args.size else None
     if bool(args.blend) == bool(args.seeds):
         raise ToolError("either --blend or --seeds is wanted", USAGE)
-    if counts[-1] >= target:
-        raise ToolError("--ref: the target needs more samples than any of --spp", USAGE)
+    if counts[-1] >= targets[0]:
+        raise ToolError("--ref: targets need more samples than any of --spp", USAGE)
+    if args.blend and len(targets) > 1:
+        raise ToolError("--ref: one count with --blend", USAGE)
     if args.blend and not os.path.isfile(args.blend):
         raise ToolError(f"--blend: {args.blend} is not a file", DATA)
     if args.threads < 0:
@@ -198,9 +236,9 @@ def run(args: argparse.Namespace) -> None:
     options.make_folder(args.out)
     bpy = start()
     if args.blend:
-        own(bpy, args, [*counts, target], size)
+        own(bpy, args, [*counts, *targets], size)
     else:
-        procedural(bpy, args, counts, target, size or (256, 256))
+        procedural(bpy, args, counts, targets, size or (256, 256))
 
 
 def main(argv: list[str] | None = None) -> None:

@@ -84,6 +84,18 @@ def noise_at(pilot: float, spp: int) -> float:
     return pilot * (PILOT / spp) ** 0.4
 
 
+def judge_pair(one: np.ndarray, two: np.ndarray, lit: bool = True) -> tuple[str, float]:
+    """Of two renders of a pilot (h, w, 9): why it is not worth rendering, or "", and the standard
+    deviation of its noise."""
+    noise = pilot_noise(one, two)
+    return judge((one + two) / 2, lit) or ("too noisy" if noise > HOPELESS else ""), noise
+
+
+def target_of(noise: float, targets: list[int]) -> int:
+    """The least of the counts that leaves a target clean, by the noise of the pilot."""
+    return next((n for n in targets if noise_at(noise, n) < CLEAN), targets[-1])
+
+
 def render_seed(mi, seed: int, args: argparse.Namespace, assets) -> dict:
     """Renders one scene into OUT; returns its manifest. Raises ToolError when nothing usable."""
     from . import features, picture, scene
@@ -107,17 +119,15 @@ def render_seed(mi, seed: int, args: argparse.Namespace, assets) -> dict:
         shot = picture.shot(mi, built.camera, width, height, st.rfilter, st.sampler)
         one, two = (picture.clean(picture.render(mi, built.scene, integrator, shot, PILOT,
                                                  seed * 1000 + k))[0] for k in (998, 999))
-        pilot = (one + two) / 2
-        noise = pilot_noise(one, two)
-        fault = judge(pilot, not args.no_light) or ("too noisy" if noise > HOPELESS else "")
+        fault, noise = judge_pair(one, two, not args.no_light)
         if fault:
             why.append(fault)
             continue
-        light = pilot[..., :3].mean(-1)
+        light = ((one + two) / 2)[..., :3].mean(-1)
         gain = 1.0 if args.no_light else float(
             np.exp(st.log_exposure) / light.clip(0, np.percentile(light, 97)).mean())
         rng = np.random.default_rng([seed, 99])
-        target = next((n for n in targets if noise_at(noise, n) < CLEAN), targets[-1])
+        target = target_of(noise, targets)
         noisy = draw_counts(rng, counts, args.pick, target)
         figures = picture.write_group(mi, args.out, name, built.scene, (by_chance, integrator),
                                       shot, noisy, target, seed, gain, bit_pair(args.bits),
