@@ -164,6 +164,21 @@ def test_doctor_finds_it(tmp_path, capsys, fails, kind):
     assert words in out and "a_8" in out and "a_4:" not in out
 
 
+def test_doctor_knows_noise_and_lamps(tmp_path, capsys):
+    """One sample in twenty finds all light; a tenth of the albedo is of emitters, far above 1."""
+    clean, rng = picture(3), np.random.default_rng(5)
+    for n in (1, 2):
+        images = noisy(clean, 4, n)
+        found = rng.random((*clean["hdr"].shape[:2], 1)) < 0.05 * n
+        images["hdr"] = (clean["hdr"] * found / (0.05 * n)).astype(np.float32)
+        images["alb"] = images["alb"].copy()
+        images["alb"][:5] = 8e8
+        write_features(tmp_path / "d", f"a_{n}", images)
+    write_features(tmp_path / "d", "a_ref", clean)
+    doctor.main(["hdr", "alb", "nrm", "-D", str(tmp_path), "-i", "d"])
+    assert "nothing found" in capsys.readouterr().out
+
+
 def test_doctor_goes_on_after_a_cut_multichannel_file(tmp_path, capsys, fails):
     names = [f"{layer}{c}" for layer, cs in (("", "RGB"), ("albedo.", "RGB"), ("normal.", "XYZ"))
              for c in cs]
