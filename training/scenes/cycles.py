@@ -90,9 +90,10 @@ def set_up(scene, size: tuple[int, int] | None, threads: int) -> None:
 
 
 def shoot(bpy, path: str, samples: int, seed: int) -> None:
-    """Renders the current scene into a file."""
+    """Renders the current scene into a file; seed: any number from 0."""
     scene = bpy.context.scene
-    scene.cycles.samples, scene.cycles.seed, scene.render.filepath = samples, seed, path
+    scene.cycles.samples, scene.cycles.seed = samples, seed & 0x7FFFFFFF
+    scene.render.filepath = path
     bpy.ops.render.render(write_still=True)
     if not os.path.exists(path):
         raise ToolError(f"{path}: Blender wrote nothing", OUTPUT)
@@ -114,7 +115,7 @@ def levels(bpy, out: str, name: str, counts: list[int], seed: int, manifest: dic
     with picture.folder(out, name) as temporary:
         for spp in reversed(counts):  # an unfinished group has its target at least
             shoot(bpy, os.path.join(temporary, f"{name}_{spp:04d}spp.exr"), spp,
-                  (seed * 1000 + spp) & 0x7FFFFFFF)
+                  seed * 1000 + spp)
         seconds = round(time.time() - begin, 2)
         picture.publish(out, name, {**manifest, "blender": bpy.app.version_string,
                                     "samples": counts, "seconds": seconds})
@@ -147,8 +148,8 @@ def library(bpy, folder: str | None):
 
 def worth_rendering(bpy, seed: int, stock, size: tuple[int, int], threads: int
                     ) -> tuple[dict, float]:
-    """Builds the scene of a seed; what its manifest says and the noise of a pilot. Raises ToolError
-    if none of its attempts is of use."""
+    """Builds the scene of a seed; what its manifest says and the noise of a pilot. Raises
+    ValueError if none of its attempts is of use."""
     why = []
     for attempt in range(ATTEMPTS):
         try:
@@ -160,7 +161,7 @@ def worth_rendering(bpy, seed: int, stock, size: tuple[int, int], threads: int
         if not fault:
             return {"seed": seed, "layout": layout, "rejected": why}, noise
         why.append(fault)
-    raise ToolError(f"no usable view in {ATTEMPTS} attempts ({', '.join(why)})", DATA)
+    raise ValueError(f"no usable view in {ATTEMPTS} attempts ({', '.join(why)})")
 
 
 def procedural(bpy, args: argparse.Namespace, counts: list[int], targets: list[int],
@@ -174,7 +175,7 @@ def procedural(bpy, args: argparse.Namespace, counts: list[int], targets: list[i
     for k, seed in enumerate(todo):
         try:
             manifest, noise = worth_rendering(bpy, seed, stock, size, args.threads)
-        except ToolError as err:
+        except ValueError as err:
             print(f"warning: seed {seed}: {err}", file=sys.stderr)
             continue
         target = target_of(noise, targets)
