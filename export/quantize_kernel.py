@@ -142,7 +142,8 @@ def read_tensors(path: Path) -> dict[str, np.ndarray]:
     import torch
     try:
         state = torch.load(path, weights_only=True)
-        return {k: v.float().numpy().astype(np.float16) for k, v in state.items()}
+        return {k: v.float().numpy().astype(np.float32 if k == kernel.BILATERAL else np.float16)
+                for k, v in state.items()}
     except OSError:
         raise
     except Exception as e:  # a damaged file shows as one of many kinds of exception

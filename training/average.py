@@ -4,9 +4,9 @@
     python -m training.average OUT.pt RESULT:3 RESULT [-R results]
 
 Of trainings that began with the same weights the mean is often better than each, and a share of one
-brings a part of what it learnt. Results (their averaged weights), .pt or .tza files with floats; a
-number after a colon is how much one counts, 1 unless told. export.quantize_kernel makes integers of
-OUT.pt, train --init goes on from it.
+brings a part of what it learnt. Results (their averaged weights), .pt or .tza files; a number
+after a colon is how much one counts, 1 unless told. The filter's last steps (export.bilateral) are
+those of the first. export.quantize_kernel makes integers of OUT.pt, train --init goes on from it.
 """
 from __future__ import annotations
 
@@ -19,9 +19,12 @@ if __name__ == "__main__" and not __package__:  # run as a file: go on as a modu
 import math
 from pathlib import Path
 
+import torch
+
+from export.kernel import BILATERAL
 from training import errors
 from training.errors import STATE, USAGE, ToolError
-from training.result import save_state, weights_of
+from training.result import last_steps_of, save_state, weights_of
 
 
 def main(argv: list[str]) -> None:
@@ -35,12 +38,18 @@ def main(argv: list[str]) -> None:
     sources = [share_of(text) for text in args.source]
     total = sum(share for _, share in sources)
     models = [weights_of(name, args.results_dir) for name, _ in sources]
+    steps = [last_steps_of(name, args.results_dir) for name, _ in sources]
     shapes = [{k: v.shape for k, v in model.items()} for model in models]
     for (name, _), shape in zip(sources, shapes):
         if shape != shapes[0]:
             raise ToolError(f"{name}: of another model than {sources[0][0]}", STATE)
     mean = {k: sum(model[k].double() * (share / total)
                    for model, (_, share) in zip(models, sources)).float() for k in models[0]}
+    if len(set(steps)) > 1:
+        print("Last steps of the filter: " + ", ".join(
+            f"{name} {n}" for (name, _), n in zip(sources, steps)) + f"; the mean has {steps[0]}")
+    if steps[0]:
+        mean[BILATERAL] = torch.tensor([float(steps[0])])
     save_state(args.output, mean)
     print(f"Saved: {args.output}")
 

@@ -20,6 +20,7 @@ from typing import IO, Any
 
 import torch
 
+from export.kernel import BILATERAL
 from training import nets
 from training.errors import OUTPUT, STATE, ToolError
 from training.features import main_feature
@@ -178,10 +179,19 @@ def make_model(settings: Settings) -> torch.nn.Module:
 
 
 def weights_of(name: str, results_dir: str) -> dict[str, torch.Tensor]:
-    """Tensors of a .tza or .pt file, or the averaged ones of a result."""
+    """Tensors of a .tza or .pt file, or the averaged ones of a result; without last_steps_of."""
     if name.endswith((".tza", ".pt")):
-        return read_weights(Path(name))
+        return {k: v for k, v in read_weights(Path(name)).items() if k != BILATERAL}
     return load_model(Result(results_dir, name))[0].state_dict()
+
+
+def last_steps_of(name: str, results_dir: str) -> int:
+    """What sources of weights_of have beside weights: export.kernel.BILATERAL, 0 for none."""
+    from export.tza import Reader
+    if name.endswith((".tza", ".pt")):
+        tensors = Reader(Path(name)) if name.endswith(".tza") else read_weights(Path(name))
+        return int(tensors[BILATERAL][0]) if BILATERAL in tensors else 0
+    return getattr(load_model(Result(results_dir, name))[0], "bilateral", 0)
 
 
 def read_weights(path: Path) -> dict[str, torch.Tensor]:

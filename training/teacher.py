@@ -14,11 +14,10 @@ import torch
 from torch import Tensor
 
 from export.kernel import BILATERAL
-from export.tza import Reader
 from training.errors import USAGE, ToolError
 from training.loss import distance
 from training.nets import from_tensors
-from training.result import Result, load_model, read_weights
+from training.result import Result, last_steps_of, load_model, read_weights
 from training.settings import Settings, input_channels, output_channels
 
 VIEWS = 8  # quarter turns, each mirrored or not
@@ -68,8 +67,8 @@ def load_teacher(name: str, settings: Settings) -> torch.nn.Module:
             raise ToolError(f"--teacher {name}: trained with --transfer {trained.transfer}", USAGE)
         return model
     tensors = read_weights(path)
-    if path.suffix == ".tza" and BILATERAL in Reader(path):  # integer models keep it apart
-        tensors[BILATERAL] = torch.tensor(Reader(path)[BILATERAL])
+    if steps := last_steps_of(name, settings.results_dir):  # integer models keep it apart
+        tensors[BILATERAL] = torch.tensor([float(steps)])
     try:
         return from_tensors(tensors)
     except (KeyError, ValueError) as e:

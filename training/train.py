@@ -27,6 +27,7 @@ from contextlib import contextmanager, nullcontext
 
 import torch
 
+from export.kernel import ALONE
 from training import errors, parallel
 from training.console import Bar, duration
 from training.dead import REVIVED_UNTIL, Channels, report, revive
@@ -36,7 +37,7 @@ from training.interrupt import Interrupted, Interrupts
 from training.loss import balance, loss_of_settings
 from training.optimizer import Optimizer
 from training.pictures import make_batches, open_data
-from training.result import Result, load_tensors, make_model, weights_of
+from training.result import Result, last_steps_of, load_tensors, make_model, weights_of
 from training.schedule import Plan, one_cycle
 from training.settings import Settings, parse, unique_id
 from training.teacher import Teacher
@@ -107,6 +108,9 @@ def run_training(settings: Settings, team: parallel.Team, result: Result) -> Non
     if settings.init and not resuming:
         weights, cut, added = fitted(model, weights_of(settings.init, settings.results_dir))
         load_tensors(model, weights, settings.init)
+        steps = last_steps_of(settings.init, settings.results_dir)
+        if steps not in (settings.bilateral, ALONE):
+            say(f"{settings.init} has --bilateral {steps}, this training {settings.bilateral}")
         if cut:
             say(f"Channels of {settings.init} that weigh most: {', '.join(cut)}")
         if added:

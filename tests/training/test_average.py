@@ -2,9 +2,12 @@
 
 import sys
 
+import numpy as np
 import pytest
 import torch
 
+from export import kernel, quantize_kernel
+from export.tza import Reader
 from tests.training.test_kernel_train import RAW
 from tests.training.test_train import state
 from training import average, train
@@ -42,6 +45,25 @@ def test_of_a_result_the_averaged_weights_count(raw, work):
     average.main(["mean.pt", "k:3", "more.pt"])
     for name, tensor in torch.load("mean.pt", weights_only=True).items():
         assert torch.allclose(tensor, ema[name] + 1, atol=1e-5)
+
+
+def test_last_steps_are_those_of_the_first(root, tmp_path, capsys, monkeypatch):
+    """Of integer files, too, and files made of the mean have them: `high` lost .4 dB else."""
+    mean, back = str(tmp_path / "mean.pt"), tmp_path / "back.tza"
+    high = str(root / "weights" / "kernel5_32.tza")
+    average.main([mean, f"{high}:3", high])
+    assert "Last steps" not in capsys.readouterr().out
+    state = torch.load(mean, weights_only=True)
+    assert state[kernel.BILATERAL].tolist() == [kernel.ALL_STEPS]
+    average.main([mean, mean, high])
+    codes = np.random.default_rng(1).random((64, 64, 12)).astype(np.float32)
+    monkeypatch.setattr(quantize_kernel, "calibration_set", lambda *settings: [codes])
+    quantize_kernel.main([mean, str(back), "--data", "-"])
+    assert kernel.bilateral_of(Reader(back), "") == kernel.ALL_STEPS
+    torch.save({k: v for k, v in state.items() if k != kernel.BILATERAL}, tmp_path / "plain.pt")
+    average.main([mean, str(tmp_path / "plain.pt"), high])
+    assert f"plain.pt 0, {high} 3; the mean has 0" in capsys.readouterr().out
+    assert kernel.BILATERAL not in torch.load(mean, weights_only=True)
 
 
 def test_bad_input(two, tmp_path, fails):
