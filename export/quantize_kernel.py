@@ -137,7 +137,7 @@ def read_tensors(path: Path) -> dict[str, np.ndarray]:
     """Float weights by name from a .tza, or from a .pt that holds a state dict."""
     if path.suffix != ".pt":
         tensors = dict(Reader(path))
-        same = {k: v for k, v in tensors.items() if k == kernel.BILATERAL}
+        same = {k: v.astype(np.float32) for k, v in tensors.items() if k == kernel.BILATERAL}
         return dict(as_floats(tensors, str(path))) | same
     import torch
     try:

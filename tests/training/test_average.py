@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from export import kernel, quantize_kernel
+from export import export, kernel, quantize_kernel
 from export.tza import Reader
 from tests.training.test_kernel_train import RAW
 from tests.training.test_train import state
@@ -58,8 +58,11 @@ def test_last_steps_are_those_of_the_first(root, tmp_path, capsys, monkeypatch):
     average.main([mean, mean, high])
     codes = np.random.default_rng(1).random((64, 64, 12)).astype(np.float32)
     monkeypatch.setattr(quantize_kernel, "calibration_set", lambda *settings: [codes])
-    quantize_kernel.main([mean, str(back), "--data", "-"])
-    assert kernel.bilateral_of(Reader(back), "") == kernel.ALL_STEPS
+    half = str(tmp_path / "half.tza")
+    export.main(["-r", mean, "-o", half])
+    for source in (mean, half):
+        quantize_kernel.main([source, str(back), "--data", "-"])
+        assert kernel.bilateral_of(Reader(back), "") == kernel.ALL_STEPS
     torch.save({k: v for k, v in state.items() if k != kernel.BILATERAL}, tmp_path / "plain.pt")
     average.main([mean, str(tmp_path / "plain.pt"), high])
     assert f"plain.pt 0, {high} 3; the mean has 0" in capsys.readouterr().out
