@@ -6,9 +6,11 @@ from types import ModuleType
 
 import numpy as np
 
+from training import color
+
 from . import textures as tx
 from .furniture import colour
-from .mesh import Mesh, merge
+from .mesh import Mesh
 from .stage import Stage
 from .views import View
 
@@ -25,8 +27,7 @@ def picture(bpy: ModuleType, path: str) -> np.ndarray:
     flat = np.empty(w * h * 4, np.float32)
     image.pixels.foreach_get(flat)
     bpy.data.images.remove(image)
-    c = flat.reshape(h, w, 4)[::-1, :, :3].clip(0, 1)
-    return np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4).astype(np.float32)
+    return color.srgb_inverse(flat.reshape(h, w, 4)[::-1, :, :3].clip(0, 1))
 
 
 def _image(bpy, name: str, a: np.ndarray):
@@ -75,9 +76,10 @@ class Material:
         return self
 
 
-def material(bpy, rng: np.random.Generator, slot: str, stage: Stage, pictures: list[np.ndarray],
-             texels: int) -> object:
-    """What a slot of materials.palette is in Blender; texels: along a side of textures."""
+def material(bpy, rng: np.random.Generator, slot: str, mesh: Mesh, stage: Stage,
+             pictures: list[np.ndarray], texels: int) -> object:
+    """What a slot of materials.palette is in Blender, for all of its mesh; texels: along a side of
+    textures."""
     rough = float(rng.choice([0.05, 0.2, 0.4, 0.8]))
 
     def texture(kinds) -> np.ndarray:
@@ -88,7 +90,9 @@ def material(bpy, rng: np.random.Generator, slot: str, stage: Stage, pictures: l
     if slot in SHINE:
         m = Material(bpy, slot, Base_Color=(0, 0, 0, 1), Specular_IOR_Level=0.0)
         m.inputs["Emission Color"].default_value = (*_warm(rng), 1)
-        return m
+        power = np.exp(rng.uniform(np.log(2), np.log(60)))
+        m.inputs["Emission Strength"].default_value = power / (np.pi * max(mesh.area(), 1e-5))
+        return m.made
     if slot in ("floor", "wall") and rng.random() < (1.0 if slot == "floor" else 0.5):
         m = Material(bpy, slot, Roughness=rough if slot == "floor" else 0.9)
         m.picture(texture(tx.FLOORS if slot == "floor" else tx.PATTERNS),
@@ -148,18 +152,9 @@ def _look(bpy, made: object, eye, target, up=(0.0, 0.0, 1.0)) -> None:
 def furnish(bpy, rng: np.random.Generator, stage: Stage, pictures: list[np.ndarray],
             texels: int) -> None:
     """A stage's meshes, lamps and sky in the current, empty scene."""
-    by_slot: dict[str, list[Mesh]] = {}
-    for slot, mesh in stage.parts:
-        by_slot.setdefault(slot, []).append(mesh)
-    for slot, meshes in sorted(by_slot.items()):
-        mesh = merge(meshes)
-        made = material(bpy, rng, slot, stage, pictures, texels)
-        if slot in SHINE:
-            t = mesh.v[mesh.f]
-            area = np.linalg.norm(np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0]), axis=1).sum() / 2
-            power = np.exp(rng.uniform(np.log(2), np.log(60)))
-            made.inputs["Emission Strength"].default_value = power / (np.pi * max(area, 1e-5))
-            made = made.made
+    meshes = stage.by_slot()
+    for slot, mesh in meshes.items():
+        made = material(bpy, rng, slot, mesh, stage, pictures, texels)
         _object(bpy, slot, mesh).data.materials.append(made)
     for k, lamp in enumerate(stage.lamps):
         light = bpy.data.lights.new(f"lamp{k}", "SPOT" if lamp["type"] == "spot" else "POINT")
@@ -173,7 +168,7 @@ def furnish(bpy, rng: np.random.Generator, stage: Stage, pictures: list[np.ndarr
     world.use_nodes = True
     bpy.context.scene.world = world
     back = world.node_tree.nodes["Background"]
-    lit = stage.lamps or any(slot in SHINE for slot in by_slot)
+    lit = stage.lamps or any(slot in SHINE for slot in meshes)
     if rng.random() < stage.sky or not lit:
         node = world.node_tree.nodes.new("ShaderNodeTexEnvironment")
         node.image = _image(bpy, "sky", tx.sky(rng, 512) if rng.random() < 0.9 else

@@ -30,6 +30,12 @@ class Mesh:
         return Mesh(self.v, self.f, self.n, self.uv * np.asarray(scale) + np.asarray(offset),
                     self.c)
 
+    def area(self) -> float:
+        """Of all triangles."""
+        t = self.v[self.f]
+        normals = np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0])
+        return float(np.linalg.norm(normals, axis=1).sum() / 2)
+
     def coloured(self, rgb) -> Mesh:
         """One colour for all vertices, or (n,3) colours."""
         c = np.broadcast_to(np.asarray(rgb, np.float32), (len(self.v), 3))

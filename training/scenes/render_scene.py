@@ -17,10 +17,10 @@ from dataclasses import asdict
 import numpy as np
 
 from training import errors
-from training.errors import DATA, OUTPUT, USAGE, ToolError
+from training.errors import DATA, USAGE, ToolError
 
 from . import backend
-from .options import bit_pair, count_list, is_finished, shard, size_pair
+from .options import bit_pair, count_list, is_finished, make_folder, shard, size_pair
 
 
 def parser() -> argparse.ArgumentParser:
@@ -157,10 +157,7 @@ def run(args: argparse.Namespace) -> None:
         raise ToolError(f"{args.scene}: no such file", DATA)
     name = args.name or re.sub(r"[^A-Za-z0-9-]+", "-", os.path.splitext(
         os.path.basename(args.scene))[0])
-    try:
-        os.makedirs(args.out, exist_ok=True)
-    except OSError as err:
-        raise ToolError(f"{args.out}: {err.strerror}", OUTPUT) from None
+    make_folder(args.out)
     mi = backend.load(args.variant, args.threads)
     from . import picture
     scene = _load(mi, args)

@@ -13,7 +13,7 @@ from . import materials
 from . import textures as tx
 from .assets import Assets
 from .features import FeatureSettings
-from .mesh import merge, scale, translate, write_ply
+from .mesh import scale, translate, write_ply
 from .stage import Stage
 from .views import choose
 
@@ -57,11 +57,6 @@ class Built:
 def _choice(rng: np.random.Generator, table):
     p = np.array([x[1] for x in table])
     return table[rng.choice(len(table), p=p / p.sum())][0]
-
-
-def _area(m) -> float:
-    t = m.v[m.f]
-    return float(np.linalg.norm(np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0]), axis=1).sum() / 2)
 
 
 def _rgb(values) -> dict:
@@ -112,10 +107,7 @@ def _emitters(mi, rng, stage: Stage, assets: Assets) -> tuple[dict, list[str]]:
 def _shapes(mi, rng, stage: Stage, assets: Assets, folder: str, fine: bool
             ) -> tuple[dict, list[str]]:
     """One PLY per material slot, as Mitsuba shapes; also the BSDFs and words for mesh lights."""
-    by_slot: dict[str, list] = {}
-    for slot, mesh in stage.parts:
-        by_slot.setdefault(str(slot), []).append(mesh)
-    meshes = {slot: merge(parts) for slot, parts in sorted(by_slot.items())}
+    meshes = stage.by_slot()
     for slot, mesh in meshes.items():
         if mesh.c is None:
             meshes[slot] = mesh.coloured((0.5, 0.5, 0.5))
@@ -133,7 +125,7 @@ def _shapes(mi, rng, stage: Stage, assets: Assets, folder: str, fine: bool
             power = np.exp(rng.uniform(np.log(2), np.log(30)))
             if slot == "panel":
                 power *= 2
-            radiance = _warm(rng) * power / (np.pi * max(_area(mesh), 1e-5)) * 2
+            radiance = _warm(rng) * power / (np.pi * max(mesh.area(), 1e-5)) * 2
             shape["bsdf"] = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}}
             shape["emitter"] = {"type": "area", "radiance": _rgb(radiance)}
             words.append(slot)

@@ -8,7 +8,7 @@ import numpy as np
 
 from . import furniture as fu
 from . import shapes as sh
-from .mesh import Mesh, grid_mesh, rotate, translate
+from .mesh import Mesh, grid_mesh, merge, rotate, translate
 from .pieces import Prints
 from .plants import Parts
 
@@ -27,6 +27,13 @@ class Stage:
 
     def add(self, parts: Parts, m: np.ndarray | None = None) -> None:
         self.parts += parts if m is None else fu.move(parts, m)
+
+    def by_slot(self) -> dict[str, Mesh]:
+        """One mesh for each material slot, in the order of their names."""
+        parts: dict[str, list[Mesh]] = {}
+        for slot, mesh in self.parts:
+            parts.setdefault(str(slot), []).append(mesh)
+        return {slot: merge(meshes) for slot, meshes in sorted(parts.items())}
 
 
 def spin(rng: np.random.Generator) -> np.ndarray:
