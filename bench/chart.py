@@ -1,11 +1,13 @@
 """Speed against accuracy: docs/chart.svg and docs/chart.md, from one run.
 
-    python -m bench.chart [--images DIR] [--held_out DIR:N] [--size 1920x1080] [--rounds 3]
+    python -m bench.chart [--images [NAME=]DIR] [--held_out [NAME=]DIR:N] [--size 1920x1080]
+                          [--rounds 3]
 
-The real Open Image Denoise 2.5.1 (fast, balanced, high), lull's built-in models, every file of
-weights/ for the same inputs (fp16 and, where it can be quantised, int8), a joint bilateral filter
-with the same auxiliary images, and the noisy input. Accuracy: pictures with a reference and with
-albedo and normal, through the programs themselves. Speed and memory: one frame of --size,
+The real Open Image Denoise 2.5.1 (fast, balanced, high), lull's built-in models in integers and,
+by PyTorch, in floating point, every other file of weights/ for the same inputs (fp16 and, where it
+can be quantised, int8), a joint bilateral filter with the same auxiliary images, and the noisy
+input. Accuracy: sets of pictures with a reference and with albedo and normal, one set for every
+--images or --held_out, through the programs themselves. Speed and memory: one frame of --size,
 alternating.
 """
 
@@ -32,35 +34,66 @@ from training.errors import ToolError
 from training.evaluate import Case, find_cases, has_features, held_out_cases, parse_held_out
 from training.features import load
 from training.imageio import read_pfm
+from training.infer import Denoiser
+from training.result import read_network
 
 FEATURES = ["hdr", "alb", "nrm"]
 NAMES = ("psnr", "ssim", "flip", "relmse")
 DOCS = oidn.ROOT / "docs"
 
 
+# Built-in models of colour with features, by quality.
+BUILT_IN = {"fast": "kernel5_8.tza", "balanced": "kernel5_12.tza", "high": "kernel5_32.tza"}
+
+
+@dataclass
+class PictureSet:
+    """One set of pictures that means are taken over."""
+
+    name: str
+    cases: list[Case]
+
+    def counts(self) -> list[int]:
+        """Samples per pixel, those that are stated."""
+        return sorted({c.source.spp for c in self.cases if c.source.spp})
+
+    def are_counted(self) -> bool:
+        return all(c.source.spp for c in self.cases)
+
+
 @dataclass
 class Method:
-    """One point of the chart: a program (or none), its scores by case, and its cost."""
+    """One point of the chart: a program or a network, its scores by case, and its cost."""
 
     name: str
     kind: str  # lull, oidn, classic, input
     entry: speed.Entry | None = None
+    denoiser: Denoiser | None = None  # in the place of a program; its time is not measured
     bytes: int = 0  # of its weights; 0: unknown or none
     ms_per_mp: float = 0.0
-    scores: dict[str, dict[str, float]] = field(default_factory=dict)  # case -> metric -> value
+    scores: dict[int, dict[str, float]] = field(default_factory=dict)  # id of a case -> metric
 
-    def mean(self, metric: str, cases: list[str]) -> float:
-        return float(np.mean([self.scores[c][metric] for c in cases]))
+    def mean(self, metric: str, cases: list[Case]) -> float:
+        return float(np.mean([self.scores[id(c)][metric] for c in cases]))
+
+
+def in_floats(path: Path) -> Denoiser:
+    """A built-in model without the rounding of what goes from layer to layer."""
+    model = read_network(path)
+    return Denoiser(model, FEATURES, FEATURES[0], model.transfer, [])
 
 
 def methods(folder: Path) -> list[Method]:
     """Everything that is compared."""
     found = [Method("noisy", "input"), Method("joint bilateral", "classic")]
-    for quality in ("fast", "balanced", "high"):
+    for quality, file in BUILT_IN.items():
         found.append(Method(f"OIDN {quality}", "oidn",
                             speed.Entry("", oidn.theirs(), ("-q", quality))))
+        path = manifest.FOLDER / file
         found.append(Method(f"lull {quality}", "lull",
-                            speed.Entry("", oidn.ours(), ("-q", quality))))
+                            speed.Entry("", oidn.ours(), ("-q", quality)),
+                            bytes=path.stat().st_size))
+        found.append(Method(f"lull {quality}, floats", "lull", denoiser=in_floats(path)))
     for n in speed.ENSEMBLES:
         found.append(Method(f"lull high, mean of {n}", "lull",
                             speed.Entry("", oidn.ours(), ("--ensemble", n))))
@@ -70,27 +103,44 @@ def methods(folder: Path) -> list[Method]:
         if features not in (",".join(FEATURES), "any") or f'"{path.name}"' in built_in:
             continue
         found.append(Method(path.stem, "lull", speed.Entry("", oidn.ours(), ("-w", path)),
-                            path.stat().st_size))
+                            bytes=path.stat().st_size))
         int8 = folder / f"{path.stem}_int8.tza"
         done = subprocess.run([sys.executable, "-m", "export.quantize", path, int8],
                               cwd=oidn.ROOT, capture_output=True, text=True)
         if done.returncode == 0:
             found.append(Method(f"{path.stem} int8", "lull",
-                                speed.Entry("", oidn.ours(), ("-w", int8)), int8.stat().st_size))
+                                speed.Entry("", oidn.ours(), ("-w", int8)),
+                                bytes=int8.stat().st_size))
     return found
 
 
-def find_all_cases(folders: list[str], held_out: list[str]) -> list[Case]:
-    """Pictures that have a reference and all features."""
-    cases = [c for folder in folders for c in find_cases(Path(folder))]
+def find_sets(folders: list[str], held_out: list[str]) -> list[PictureSet]:
+    """Those pictures that have a reference and all features."""
+    found = []
+    for text in folders:
+        name, folder = named(text)
+        found.append(PictureSet(name, find_cases(Path(folder))))
     for text in held_out:
-        cases += held_out_cases(*parse_held_out(text), FEATURES)
-    return [c for c in cases if has_features(c.source, FEATURES)]
+        name, rest = named(text)
+        folder, count = parse_held_out(rest)
+        found.append(PictureSet(name.rpartition(":")[0] or name,
+                              held_out_cases(folder, count, FEATURES)))
+    for group in found:
+        group.cases = [c for c in group.cases if has_features(c.source, FEATURES)]
+        if not group.cases:
+            raise ToolError(f"{group.name}: no picture with a reference, albedo and normal", 1)
+    return found
 
 
 def relative_mse(image: np.ndarray, reference: np.ndarray) -> float:
     """Mean of (a-b)^2 / (b^2 + 0.01) of exposed radiance."""
     return float(np.mean((image - reference) ** 2 / (reference**2 + 0.01)))
+
+
+def named(text: str) -> tuple[str, str]:
+    """[NAME=]REST; the name is the last folder's where none is given."""
+    name, equals, rest = text.rpartition("=")
+    return (name, rest) if equals else (Path(rest).name, rest)
 
 
 def score(method: Method, case: Case, images: dict[str, np.ndarray], target: np.ndarray,
@@ -102,6 +152,8 @@ def score(method: Method, case: Case, images: dict[str, np.ndarray], target: np.
         start = time.perf_counter()
         out = joint_bilateral(images["hdr"], images["alb"], images["nrm"])
         method.ms_per_mp = (time.perf_counter() - start) * 1e9 / out[..., 0].size
+    elif method.denoiser:
+        out = method.denoiser.run(images)
     else:
         options = pictures.write_inputs(folder, images)
         oidn.run(method.entry.program, "-d", "cpu", *options, *method.entry.options,
@@ -110,7 +162,7 @@ def score(method: Method, case: Case, images: dict[str, np.ndarray], target: np.
     exposure = np.float32(color.autoexposure(target))
     shown = metrics.to_display(target, "hdr", exposure)
     row = metrics.measure(metrics.to_display(out, "hdr", exposure), shown, list(NAMES[:3]))
-    method.scores[case.name] = row | {"relmse": relative_mse(out * exposure, target * exposure)}
+    method.scores[id(case)] = row | {"relmse": relative_mse(out * exposure, target * exposure)}
 
 
 def measure_speed(found: list[Method], folder: Path, width: int, height: int, rounds: int,
@@ -128,78 +180,97 @@ def measure_speed(found: list[Method], folder: Path, width: int, height: int, ro
             method.ms_per_mp = statistics.median(method.entry.msec) / (width * height / 1e6)
 
 
-def spp_text(cases: list[Case]) -> str:
-    counts = sorted({c.source.spp for c in cases if c.source.spp})
-    return ", ".join(map(str, counts)) + " and unstated" if counts else "unstated"
+def set_table(found: list[Method], group: PictureSet) -> list[str]:
+    """Means over one set, best last, and PSNR by samples per pixel."""
+    counts = group.counts() if group.are_counted() else []
+    of = {n: [c for c in group.cases if c.source.spp == n] for n in counts}
+    lines = [f"## {group.name}", "",
+             f"{len(group.cases)} pictures" +
+             (f", PSNR also of those of {', '.join(map(str, counts))} samples per pixel."
+              if counts else "."), "",
+             "| | ms/MP | PSNR | SSIM | FLIP | relMSE |" + "".join(f" {n} spp |" for n in counts),
+             "|---|" + "---:|" * (5 + len(counts))]
+    for m in sorted(found, key=lambda m: m.mean("psnr", group.cases)):
+        means = {n: m.mean(n, group.cases) for n in NAMES}
+        lines.append(f"| {m.name} | {cost(m)} | {means['psnr']:.2f} | {means['ssim']:.4f} | "
+                     f"{means['flip']:.4f} | {means['relmse']:.4f} |" +
+                     "".join(f" {m.mean('psnr', of[n]):.2f} |" for n in counts))
+    if not counts:
+        lines += ["", "PSNR of each:", "", "| | " + " | ".join(m.name for m in found) + " |",
+                  "|---|" + "---:|" * len(found)]
+        lines += [f"| {c.name} | " +
+                  " | ".join(f"{m.scores[id(c)]['psnr']:.2f}" for m in found) + " |"
+                  for c in group.cases]
+    return [*lines, ""]
 
 
-def write_report(found: list[Method], cases: list[Case], height: int, head: list[str]) -> None:
-    names = [c.name for c in cases]
-    ours = {m.name: m for m in found}
-    base = ours["OIDN balanced"].ms_per_mp
+def cost(method: Method) -> str:
+    return f"{method.ms_per_mp:.0f}" if method.ms_per_mp else ""
+
+
+def write_report(found: list[Method], sets: list[PictureSet], height: int, head: list[str]) -> None:
+    base = next(m for m in found if m.name == "OIDN balanced").ms_per_mp
     lines = ["# Speed and accuracy", "", "![chart](chart.svg)", "", *head, "",
-             "| | ms/MP | speed | memory, MB | weights, kB | PSNR | SSIM | FLIP | relMSE |",
-             "|---|---:|---:|---:|---:|---:|---:|---:|---:|"]
-    for m in sorted(found, key=lambda m: m.mean("psnr", names)):
-        ratio = f"{base / m.ms_per_mp:.1f}x" if m.ms_per_mp else ""
+             "| | ms/MP | speed | memory, MB | weights, kB |", "|---|---:|---:|---:|---:|"]
+    for m in sorted((m for m in found if m.ms_per_mp), key=lambda m: -m.ms_per_mp):
         memory = f"{m.entry.working[height] / 1e6:.0f}" if m.entry else ""
-        lines.append(f"| {m.name} | {m.ms_per_mp:.0f} | {ratio} | {memory} | "
-                     f"{m.bytes / 1000:.0f} | " .replace(" 0 |", " |") +
-                     f"{m.mean('psnr', names):.2f} | {m.mean('ssim', names):.4f} | "
-                     f"{m.mean('flip', names):.4f} | {m.mean('relmse', names):.4f} |")
+        size = f"{m.bytes / 1000:.0f}" if m.bytes else ""
+        lines.append(f"| {m.name} | {cost(m)} | {base / m.ms_per_mp:.1f}x | {memory} | {size} |")
     lines += ["", "Speed is relative to OIDN balanced. Memory is the peak resident set above the "
-              "image buffers; where", "a field is empty, it does not apply or is not known "
-              "(built-in weights are part of the library).", ""]
-    by_case = ["## PSNR of each picture", "", "| | " + " | ".join(m.name for m in found) + " |",
-               "|---|" + "---:|" * len(found)]
-    by_case += [f"| {c} | " + " | ".join(f"{m.scores[c]['psnr']:.2f}" for m in found) + " |"
-                for c in names]
-    (DOCS / "chart.md").write_text("\n".join([*lines, *by_case, ""]))
-    panels = []
-    for metric, title in (("psnr", "PSNR, dB (up is better)"), ("ssim", "SSIM (up is better)"),
-                          ("flip", "FLIP (down is better)")):
-        points = [Point(m.name, m.kind, m.ms_per_mp, m.mean(metric, names))
-                  for m in found if m.ms_per_mp]
-        panels.append((title, metric.upper(), points))
-    (DOCS / "chart.svg").write_text(chart(panels, "milliseconds per megapixel"))
+              "image buffers. *floats*: by PyTorch,", "without the rounding between layers; what "
+              "integers lose is the difference.", ""]
+    rows = []
+    for group in sets:
+        lines += set_table(found, group)
+        rows.append([(f"{group.name}: {title}", metric.upper(),
+                      [Point(m.name, m.kind, m.ms_per_mp, m.mean(metric, group.cases))
+                       for m in found if m.ms_per_mp])
+                     for metric, title in (("psnr", "PSNR, dB (up is better)"),
+                                           ("ssim", "SSIM (up is better)"),
+                                           ("flip", "FLIP (down is better)"))])
+    (DOCS / "chart.md").write_text("\n".join(lines))
+    (DOCS / "chart.svg").write_text(chart(rows, "milliseconds per megapixel"))
 
 
-def main() -> int:
+def main(argv: list[str]) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--images", action="append", default=[], help="folder with references")
-    parser.add_argument("--held_out", action="append", default=[], metavar="DIR:N")
+    parser.add_argument("--images", action="append", default=[], metavar="[NAME=]DIR",
+                        help="folder of pictures with references (default: the shared renders "
+                             "where they are, else the demo's)")
+    parser.add_argument("--held_out", action="append", default=[], metavar="[NAME=]DIR:N",
+                        help="the N groups that train --hold_out N leaves out")
     parser.add_argument("--size", default="1920x1080")
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--rounds", type=int, default=3)
-    args = parser.parse_args()
+    args = parser.parse_args(argv)
     width, height = map(int, args.size.split("x"))
     shared = pictures.SHARED
     images = args.images or [str(shared if shared.is_dir() else oidn.ROOT / "demo")]
     try:
-        cases = find_all_cases(images, args.held_out)
+        sets = find_sets(images, args.held_out)
         with tempfile.TemporaryDirectory() as scratch:
             folder = Path(scratch)
             found = methods(folder)
-            for case in cases:
+            for case in (c for s in sets for c in s.cases):
                 features = load(case.source, FEATURES)
                 target = load(case.target, ["hdr"])["hdr"]
                 for method in found:
                     score(method, case, features, target, folder)
-                print(case.name, ", ".join(f"{m.name} {m.scores[case.name]['psnr']:.2f}"
+                print(case.name, ", ".join(f"{m.name} {m.scores[id(case)]['psnr']:.2f}"
                                            for m in found), flush=True)
             measure_speed(found, folder, width, height, args.rounds, args.threads)
     except (oidn.PeerError, ToolError, FileNotFoundError) as error:
         print(f"chart: {error}", file=sys.stderr)
         return 2
     head = [f"Measured {datetime.date.today()} on {oidn.cpu_line()}.",
-            f"Accuracy: means over {len(cases)} pictures ({spp_text(cases)} samples per pixel), "
-            "colour with albedo and normal,", "tone-mapped sRGB at the reference's exposure. "
-            f"Speed: {width}x{height}, {args.threads} threads, median of {args.rounds} rounds; the",
-            "bilateral filter is plain numpy on one thread. `make chart` repeats it."]
-    write_report(found, cases, height, head)
+            "Accuracy: means over pictures, colour with albedo and normal, tone-mapped sRGB at the "
+            "reference's exposure.",
+            f"Speed: {width}x{height}, {args.threads} threads, median of {args.rounds} rounds; the "
+            "bilateral filter is plain numpy", "on one thread. `make chart` repeats it."]
+    write_report(found, sets, height, head)
     print(f"written: {DOCS / 'chart.svg'}, {DOCS / 'chart.md'}")
     return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(sys.argv[1:]))

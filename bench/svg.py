@@ -26,8 +26,9 @@ def _ticks(low: float, high: float) -> list[float]:
     return [i * step for i in range(math.ceil(low / step), math.floor(high / step) + 1)]
 
 
-def panel(points: list[Point], title: str, y_title: str, x_title: str, at: int) -> str:
-    """One chart, moved right by `at` pixels."""
+def panel(points: list[Point], title: str, y_title: str, x_title: str, at: int,
+          down: int = 0) -> str:
+    """One chart, moved right by `at` and down by `down` pixels."""
     low_x = 10 ** math.floor(math.log10(min(p.x for p in points)))
     high_x = 10 ** math.ceil(math.log10(max(p.x for p in points) * 1.05))
     ys = [p.y for p in points]
@@ -41,7 +42,7 @@ def panel(points: list[Point], title: str, y_title: str, x_title: str, at: int) 
     def py(y: float) -> float:
         return TOP + span_y * (high_y - y) / (high_y - low_y)
 
-    out = [f'<g transform="translate({at},0)">',
+    out = [f'<g transform="translate({at},{down})">',
            f'<rect x="{LEFT}" y="{TOP}" width="{span_x}" height="{span_y}" fill="#fff" '
            'stroke="#a8a29e"/>',
            f'<text x="{LEFT}" y="20" font-weight="bold">{escape(title)}</text>',
@@ -76,12 +77,12 @@ def panel(points: list[Point], title: str, y_title: str, x_title: str, at: int) 
     return "\n".join([*out, "</g>"])
 
 
-def chart(panels: list[tuple[str, str, list[Point]]], x_title: str) -> str:
-    """Charts side by side; panels: (title, y title, points)."""
-    body = [panel(points, title, y_title, x_title, i * WIDTH)
-            for i, (title, y_title, points) in enumerate(panels)]
-    width = WIDTH * len(panels)
+def chart(rows: list[list[tuple[str, str, list[Point]]]], x_title: str) -> str:
+    """Rows of charts side by side; each: (title, y title, points)."""
+    body = [panel(points, title, y_title, x_title, i * WIDTH, j * HEIGHT)
+            for j, row in enumerate(rows) for i, (title, y_title, points) in enumerate(row)]
+    width, height = WIDTH * max(map(len, rows)), HEIGHT * len(rows)
     return "\n".join([
-        f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="{HEIGHT}" '
-        f'viewBox="0 0 {width} {HEIGHT}" font-family="sans-serif" font-size="11">',
-        f'<rect width="{width}" height="{HEIGHT}" fill="#fff"/>', *body, "</svg>", ""])
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="{height}" '
+        f'viewBox="0 0 {width} {height}" font-family="sans-serif" font-size="11">',
+        f'<rect width="{width}" height="{height}" fill="#fff"/>', *body, "</svg>", ""])

@@ -33,8 +33,7 @@ from training.errors import DATA, DEPENDENCY, STATE, USAGE, ToolError
 from training.features import Images, add_layers, check_beside, holds, load, parse_layers
 from training.imageio import replacing
 from training.infer import Denoiser
-from training.nets import from_tensors
-from training.result import read_weights
+from training.result import read_network
 from training.scan import Group, Version, hold_out, list_files, list_versions, scan
 from training.settings import derive
 from training.tables import by_spp, table, verdict, write_report
@@ -167,7 +166,7 @@ def load_denoiser(path: Path, features: list[str]) -> Denoiser | Program:
     if is_integer:
         return Program(path, features)
     derived = derive("evaluate", {"features": features, "transfer": None})
-    model = from_tensors(read_weights(path)).eval()
+    model = read_network(path)
     if model.net.family == "U" and model.inputs != 3 * len(features):
         raise ToolError(f"{path}: has {model.inputs} input channels, {','.join(features)} are "
                         f"{3 * len(features)}", USAGE)

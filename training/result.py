@@ -22,7 +22,7 @@ import torch
 
 from export.kernel import BILATERAL
 from training import nets
-from training.errors import OUTPUT, STATE, ToolError
+from training.errors import OUTPUT, STATE, USAGE, ToolError
 from training.features import main_feature
 from training.imageio import replacing
 from training.settings import Settings, input_channels, output_channels
@@ -192,6 +192,18 @@ def last_steps_of(name: str, results_dir: str) -> int:
         tensors = Reader(Path(name)) if name.endswith(".tza") else read_weights(Path(name))
         return int(tensors[BILATERAL][0]) if BILATERAL in tensors else 0
     return getattr(load_model(Result(results_dir, name))[0], "bilateral", 0)
+
+
+def read_network(path: Path) -> torch.nn.Module:
+    """The network of a .tza or .pt file in floating point, with what follows it (last_steps_of), in
+    evaluation mode. ToolError if the file cannot be read, or holds no network of ours."""
+    tensors = read_weights(path)
+    if steps := last_steps_of(str(path), ""):  # integer models keep it apart
+        tensors[BILATERAL] = torch.tensor([float(steps)])
+    try:
+        return nets.from_tensors(tensors).eval()
+    except (KeyError, ValueError) as e:
+        raise ToolError(f"{path}: not the weights of a network ({e})", USAGE) from e
 
 
 def read_weights(path: Path) -> dict[str, torch.Tensor]:

@@ -13,11 +13,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from export.kernel import BILATERAL
 from training.errors import USAGE, ToolError
 from training.loss import distance
-from training.nets import from_tensors
-from training.result import Result, last_steps_of, load_model, read_weights
+from training.result import Result, load_model, read_network
 from training.settings import Settings, input_channels, output_channels
 
 VIEWS = 8  # quarter turns, each mirrored or not
@@ -66,10 +64,7 @@ def load_teacher(name: str, settings: Settings) -> torch.nn.Module:
         if trained.transfer != settings.transfer and model.net.family == "U":
             raise ToolError(f"--teacher {name}: trained with --transfer {trained.transfer}", USAGE)
         return model
-    tensors = read_weights(path)
-    if steps := last_steps_of(name, settings.results_dir):  # integer models keep it apart
-        tensors[BILATERAL] = torch.tensor([float(steps)])
     try:
-        return from_tensors(tensors)
-    except (KeyError, ValueError) as e:
-        raise ToolError(f"--teacher {path}: not the weights of a network ({e})", USAGE) from e
+        return read_network(path)
+    except ToolError as e:
+        raise ToolError(f"--teacher {e}", e.code) from e
