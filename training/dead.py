@@ -22,16 +22,19 @@ FAINT = 0.1          # weights of what a revived channel feeds, relative to thos
 
 
 class Channels:
-    """Watches the layers with ReLU of a model of nets.py."""
+    """Watches the layers with ReLU of a model of nets.py, but for frozen ones."""
 
     def __init__(self, model: nn.Module):
         net = model.net
         layers = net.layers if net.family == "K" else net.layers[:-1]
-        self.biases = {layer.name: getattr(model, layer.name).bias for layer in layers}
+        biases = {layer.name: getattr(model, layer.name).bias for layer in layers}
+        self.biases = {name: b for name, b in biases.items() if b.requires_grad}
         self.alive, self.steps = None, 0
 
     def watch(self) -> None:
         """To be called after each step, while the gradients are there."""
+        if not self.biases:
+            return
         alive = torch.cat([bias.grad for bias in self.biases.values()]) != 0
         self.alive = alive if self.alive is None else self.alive | alive
         self.steps += 1
@@ -82,6 +85,8 @@ def revive(model: nn.Module, dead: dict[str, Tensor], seed: int) -> None:
         conv.bias[which] = 0.0
         for name, is_second in users(model, layer.name):
             user = getattr(model, name)
+            if not user.weight.requires_grad:  # frozen
+                continue
             first = user.in_channels - conv.out_channels if is_second else 0
             size = FAINT / math.sqrt(user.weight[0].numel())
             user.weight[:, first + which] = fresh(user.weight[:, first + which], size)

@@ -167,6 +167,7 @@ OPTIONS = (
     _o("--grad_clip", "T", None, "largest norm of the gradient; 0: any",
        **_number(0, math.inf, " from 0")),
     _o("--init", "T", None, "start from the weights of a result, or of a .pt or .tza (or int8)"),
+    _o("--freeze", "T", [], "layers that stay as --init has them", nargs="*"),
     _o("--teacher", "T", None, "a result, or a .pt or .tza (or int8), whose results are learnt"),
     _o("--teacher_share", "T", 0.8, "how far targets are moved to the teacher's results",
        **_number(math.nextafter(0, 1), 1, " above 0, to 1")),

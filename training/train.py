@@ -35,6 +35,7 @@ from training.errors import INTERRUPTED, STATE, ToolError
 from training.integer_stage import quantize_aware
 from training.interrupt import Interrupted, Interrupts
 from training.loss import balance, loss_of_settings
+from training.nets import convolutions
 from training.optimizer import Optimizer
 from training.pictures import make_batches, open_data
 from training.result import Result, last_steps_of, load_tensors, make_model, weights_of
@@ -115,8 +116,9 @@ def run_training(settings: Settings, team: parallel.Team, result: Result) -> Non
             say(f"Channels of {settings.init} that weigh most: {', '.join(cut)}")
         if added:
             say(f"Channels that {settings.init} lacks: {', '.join(added)}")
-    params = list(model.parameters())
-    ema = [p.detach().clone() for p in params] if settings.ema > 0 else []
+    freeze(model, settings)
+    params = [p for p in model.parameters() if p.requires_grad]
+    ema = [p.detach().clone() for p in model.parameters()] if settings.ema > 0 else []
     optimizer = Optimizer(params, settings.learning_rate, settings.optimizer,
                           as_graph=parallel.uses_graphs(settings, team))
     loss_of = loss_of_settings(settings)
@@ -225,7 +227,7 @@ def run_training(settings: Settings, team: parallel.Team, result: Result) -> Non
             channels.watch()
             if ema:
                 decay = min(settings.ema, (step + 1) / (step + 10))
-                torch._foreach_lerp_(ema, [p.detach() for p in params], 1 - decay)
+                torch._foreach_lerp_(ema, [p.detach() for p in model.parameters()], 1 - decay)
             step += 1
             ending = at_end()
             loss_sum += loss.detach()
@@ -282,6 +284,20 @@ def run_training(settings: Settings, team: parallel.Team, result: Result) -> Non
         except KeyboardInterrupt:
             raise ToolError("interrupted in the integer stage; the same command resumes",
                             INTERRUPTED) from None
+
+
+def freeze(model: torch.nn.Module, settings: Settings) -> None:
+    """Makes the layers of --freeze constants. ToolError unless --init says what they are."""
+    names = [x.name for x in convolutions(model)]
+    for name in settings.freeze:
+        if not settings.init:
+            raise ToolError(f"--freeze {name}: without --init it would stay random", errors.USAGE)
+        if name not in names:
+            raise ToolError(f"--freeze {name}: no layer of the model ({', '.join(names)})",
+                            errors.USAGE)
+        getattr(model, name).requires_grad_(False)
+    if not any(p.requires_grad for p in model.parameters()):
+        raise ToolError("--freeze: nothing is left to train", errors.USAGE)
 
 
 def until_asked(loader: Iterable, interrupts: Interrupts, team: parallel.Team) -> Iterator:
