@@ -11,6 +11,7 @@
 #include "temporal.h"
 
 #define MAX_OUTPUTS 8
+#define MAX_PASSES IMAGE_MAX_ALSO
 
 typedef struct denoise_settings {
     device_settings device;
@@ -20,6 +21,9 @@ typedef struct denoise_settings {
     const char *weights, *reference, *frames;
     const char *outputs[MAX_OUTPUTS];
     int output_count;
+    const char *passes[MAX_PASSES]; /* --pass, --part: further layers of the colour's file */
+    int is_part[MAX_PASSES];        /* --part: those that add up to the colour */
+    int pass_count, part_count;
     int is_hdr, is_srgb, is_directional, is_aux_clean, is_in_place;
     int is_untold; /* nobody said whether the colour is HDR: its extension does, or what it holds */
     int is_prefiltering; /* the albedo is denoised by itself first */

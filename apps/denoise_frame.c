@@ -1,4 +1,4 @@
-#include "denoise.h"
+#include "denoise_job.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -64,16 +64,6 @@ void denoise_end(denoise_session *session)
 
 /* ---- One frame ------------------------------------------------------------------------------- */
 
-typedef struct frame_job {
-    denoise_session *session;
-    const denoise_settings *settings;
-    int frame;
-    denoise_inputs inputs;
-    image output, backup, reference; /* backup: the input, where it is needed again */
-    device_image views[3], output_view;
-    int is_hdr, is_srgb; /* settings, or what --repair made of them */
-} frame_job;
-
 static void job_free(frame_job *job)
 {
     for (int i = 0; i < 3; i++)
@@ -82,11 +72,11 @@ static void job_free(frame_job *job)
     image_destroy(&job->output);
     image_destroy(&job->backup);
     image_destroy(&job->reference);
+    denoise_passes_free(job);
     denoise_inputs_free(&job->inputs);
 }
 
-/* The pending error of the device as an exit code; EXIT_OK if there is none. */
-static exit_code device_error(const frame_job *job, int is_commit)
+exit_code denoise_device_error(const frame_job *job, int is_commit)
 {
     const char *text = NULL;
     OIDNError error = oidnGetDeviceError(job->session->device, &text);
@@ -138,7 +128,7 @@ static const image *input_of(const frame_job *job)
     return job->backup.pixels ? &job->backup : &job->inputs.images[job->inputs.main];
 }
 
-static image *result_of(frame_job *job)
+image *denoise_result(frame_job *job)
 {
     return job->settings->is_in_place ? &job->inputs.images[job->inputs.main] : &job->output;
 }
@@ -151,13 +141,13 @@ static exit_code make_views(frame_job *job)
         if (!job->inputs.images[i].pixels)
             continue;
         if (device_image_init(&job->views[i], device, &job->inputs.images[i], storage))
-            return device_error(job, 0);
+            return denoise_device_error(job, 0);
         device_image_upload(&job->views[i]);
     }
     if (!job->settings->is_in_place &&
         device_image_init(&job->output_view, device, &job->output, storage))
-        return device_error(job, 0);
-    return device_error(job, 0);
+        return denoise_device_error(job, 0);
+    return denoise_device_error(job, 0);
 }
 
 /* Makes a filter of the session, once. */
@@ -166,11 +156,10 @@ static exit_code make_once(frame_job *job, OIDNFilter *filter, const char *type)
     if (*filter)
         return EXIT_OK;
     *filter = oidnNewFilter(job->session->device, type);
-    return device_error(job, 0);
+    return denoise_device_error(job, 0);
 }
 
-/* Sets what all filters of the session have in common, and commits. */
-static void commit(frame_job *job, OIDNFilter filter)
+void denoise_commit(frame_job *job, OIDNFilter filter)
 {
     const denoise_settings *s = job->settings;
     if (s->quality >= 0)
@@ -183,15 +172,14 @@ static void commit(frame_job *job, OIDNFilter filter)
     oidnCommitFilter(filter);
 }
 
-/* Runs a committed filter, with its progress. */
-static exit_code run_filter(frame_job *job, OIDNFilter filter)
+exit_code denoise_run_filter(frame_job *job, OIDNFilter filter)
 {
     exit_code code;
     if (platform_interrupted())
         return EXIT_INTERRUPTED;
     job->session->percent = -1;
     oidnExecuteFilter(filter);
-    code = device_error(job, 0);
+    code = denoise_device_error(job, 0);
     if (job->session->shows_progress)
         fprintf(stderr, "\r               \r");
     return code;
@@ -217,8 +205,8 @@ static exit_code prefilter_albedo(frame_job *job)
         return code;
     device_image_set(albedo, *filter, "albedo");
     device_image_set(albedo, *filter, "output");
-    commit(job, *filter);
-    code = run_filter(job, *filter);
+    denoise_commit(job, *filter);
+    code = denoise_run_filter(job, *filter);
     if (code)
         return code;
     seconds = platform_clock() - start;
@@ -253,7 +241,7 @@ static void configure(frame_job *job)
     if (job->session->weights)
         oidnSetSharedFilterData(filter, "weights", job->session->weights,
                                 job->session->weights_size);
-    commit(job, filter);
+    denoise_commit(job, filter);
 }
 
 static exit_code make_filter(frame_job *job)
@@ -274,7 +262,7 @@ static exit_code make_filter(frame_job *job)
         image_destroy(normal);
         configure(job);
     }
-    code = device_error(job, 1);
+    code = denoise_device_error(job, 1);
     if (!code)
         report_line("  filter=%s, msec=%g\n", job->settings->filter,
                     1000 * (platform_clock() - start));
@@ -291,13 +279,15 @@ static void rewind_input(frame_job *job)
     device_image_upload(&job->views[job->inputs.main]);
 }
 
-/* Runs the filter once and downloads the result. */
+/* Makes the result once: runs the filter and downloads it, or adds up parts. */
 static exit_code execute(frame_job *job, double *seconds)
 {
+    const int has_parts = job->settings->part_count > 0;
     double start = platform_clock();
-    exit_code code = run_filter(job, job->session->filter);
+    exit_code code =
+        has_parts ? denoise_parts_run(job) : denoise_run_filter(job, job->session->filter);
     *seconds = platform_clock() - start;
-    if (!code)
+    if (!code && !has_parts)
         device_image_download(job->settings->is_in_place ? &job->views[job->inputs.main]
                                                          : &job->output_view);
     return code;
@@ -322,13 +312,9 @@ static exit_code gather(frame_job *job)
     return EXIT_OK;
 }
 
-/* Moves the result back towards the input, where that is a number, if it is wanted weaker. */
-static void weaken(frame_job *job)
+void denoise_weaken(image *result, const image *input, float strength)
 {
-    const float strength = job->settings->strength;
-    const image *input = input_of(job);
-    image *result = result_of(job);
-    for (size_t i = 0, n = image_count(result); strength < 1 && i < n; i++) {
+    for (size_t i = 0, n = image_count(result); i < n; i++) {
         float from = image_get(input, i), to = image_get(result, i);
         if (isfinite(from))
             image_set(result, i, from + strength * (to - from));
@@ -349,7 +335,7 @@ static void save_debug_images(frame_job *job)
     report_line("Saving debug images\n");
     if (job->backup.pixels || !job->settings->is_in_place)
         save_debug("denoise_in.pfm", input_of(job));
-    save_debug("denoise_out.pfm", result_of(job));
+    save_debug("denoise_out.pfm", denoise_result(job));
     if (job->reference.pixels)
         save_debug("denoise_ref.pfm", &job->reference);
 }
@@ -361,7 +347,7 @@ static exit_code verify(frame_job *job, comparison *result)
                    : denoise_is_signed(s, job->inputs.main) ? COMPARE_MAX_ERROR_SIGNED
                                                             : COMPARE_MAX_ERROR;
     report_line("Verifying output\n");
-    image_compare(result, &job->reference, result_of(job), limit);
+    image_compare(result, &job->reference, denoise_result(job), limit);
     report_line("  values=%zu, errors=%zu, avgerror=%g\n", result->values, result->errors,
                 result->average);
     if (!result->errors)
@@ -399,9 +385,10 @@ static exit_code run_once(frame_job *job, int run, uint32_t *hash)
     if (code)
         return code;
     if (job->settings->is_temporal)
-        temporal_mix(&job->session->steady, result_of(job), job->frame);
-    weaken(job);
-    mine = image_hash(result_of(job));
+        temporal_mix(&job->session->steady, denoise_result(job), job->frame);
+    if (job->settings->strength < 1 && !job->settings->part_count)
+        denoise_weaken(denoise_result(job), input_of(job), job->settings->strength);
+    mine = image_hash(denoise_result(job));
     snprintf(text, sizeof text, "%08x", (unsigned)mine);
     report_line("  msec=%g, hash=%s\n", 1000 * seconds, text);
     json_open(report, NULL, '{');
@@ -445,81 +432,6 @@ static exit_code run_all(frame_job *job)
     return code;
 }
 
-/* A copy for a format that holds integers or sRGB, or another kind of alpha than the input's, or
- * NULL if the values can go as they are. */
-static image *display_copy(const frame_job *job, const image *result, const char *path, image *copy,
-                           image_error *error)
-{
-    const image *main = &job->inputs.images[job->inputs.main];
-    image_alpha from = main->is_layered ? IMAGE_MULTIPLIED : IMAGE_STRAIGHT;
-    image_alpha to = image_path_alpha(path);
-    int is_signed = denoise_is_signed(job->settings, job->inputs.main);
-    int is_encoded =
-        is_signed ? image_path_is_integer(path) : !image_path_is_linear(path) && !job->is_srgb;
-    int has_alpha = main->alpha && !is_signed && to != IMAGE_OPAQUE && to != from;
-    if (!is_encoded && !has_alpha)
-        return NULL;
-    if (image_create(copy, result->width, result->height, result->channels, IMAGE_FLOAT, error))
-        return NULL;
-    for (size_t i = 0, n = image_count(result); i < n; i++)
-        image_set(copy, i, image_get(result, i));
-    if (has_alpha)
-        image_convert_alpha(copy, main->alpha, from, to);
-    if (is_encoded && is_signed)
-        image_encode_signed(copy);
-    else if (is_encoded)
-        image_encode_srgb(copy);
-    return copy;
-}
-
-static exit_code write_output(frame_job *job, const char *pattern)
-{
-    const image *main = &job->inputs.images[job->inputs.main];
-    image *result = result_of(job);
-    char *path = sequence_path(pattern, job->frame);
-    image_target target = {main->is_layered ? job->inputs.paths[job->inputs.main] : NULL,
-                           job->settings->device.threads};
-    image copy = {0}, *shown;
-    image_error error = {IMAGE_OK, ""};
-    exit_code code = EXIT_OK;
-
-    if (!path)
-        return report_error(EXIT_OUTPUT, "cannot write '%s': not enough memory", pattern);
-    shown = display_copy(job, result, path, &copy, &error);
-    if (!error.status) {
-        image whole = shown ? *shown : *result; /* borrows pixels and alpha */
-        whole.alpha = main->alpha;
-        whole.bits = main->bits;
-        whole.is_layered = main->is_layered;
-        whole.part = main->part;
-        memcpy(whole.names, main->names, sizeof whole.names);
-        image_write(path, &whole, &target, &error);
-    }
-    image_destroy(&copy);
-    if (error.status && platform_interrupted())
-        code = EXIT_INTERRUPTED;
-    else if (error.status)
-        code = report_error(EXIT_OUTPUT, "cannot write '%s': %s", path, error.text);
-    else
-        json_text(job->session->report, NULL, path);
-    free(path);
-    return code;
-}
-
-static exit_code write_outputs(frame_job *job)
-{
-    exit_code code = EXIT_OK;
-    if (!job->settings->output_count)
-        return EXIT_OK;
-    report_line("Saving output\n");
-    json_open(job->session->report, "outputs", '[');
-    for (int i = 0; i < job->settings->output_count && !code; i++)
-        code = platform_interrupted() ? EXIT_INTERRUPTED
-                                      : write_output(job, job->settings->outputs[i]);
-    json_close(job->session->report, ']');
-    return code;
-}
-
 /* Everything after loading. */
 static exit_code process(frame_job *job)
 {
@@ -529,7 +441,9 @@ static exit_code process(frame_job *job)
                       job->session->report);
     if (job->settings->is_checking && !job->settings->output_count)
         return EXIT_OK;
-    code = make_output(job);
+    code = denoise_passes_load(job);
+    if (!code)
+        code = make_output(job);
     if (!code && job->settings->reference)
         code = denoise_load_reference(&job->reference, job->settings, &job->inputs, job->frame);
     if (!code)
@@ -542,24 +456,11 @@ static exit_code process(frame_job *job)
         code = make_filter(job);
     if (!code)
         code = run_all(job);
-    return code ? code : write_outputs(job);
-}
-
-/* The outputs of a sequence, which are known one by one. */
-static exit_code check_outputs(const frame_job *job)
-{
-    const denoise_settings *s = job->settings;
-    exit_code code = EXIT_OK;
-    for (int i = 0; i < s->output_count && s->frames && !code; i++) {
-        image_error error;
-        char *path = sequence_path(s->outputs[i], job->frame);
-        if (!path)
-            code = report_error(EXIT_OUTPUT, "cannot write '%s': not enough memory", s->outputs[i]);
-        else if (image_check_writable(path, &error))
-            code = report_error(EXIT_OUTPUT, "cannot write '%s': %s", path, error.text);
-        free(path);
-    }
-    return code;
+    if (!code)
+        code = denoise_passes_run(job);
+    if (!code)
+        denoise_passes_tell(job);
+    return code ? code : denoise_write_outputs(job);
 }
 
 exit_code denoise_frame(denoise_session *session, int frame)
@@ -572,7 +473,7 @@ exit_code denoise_frame(denoise_session *session, int frame)
     job.frame = frame;
     job.is_hdr = job.settings->is_hdr;
     job.is_srgb = job.settings->is_srgb;
-    code = check_outputs(&job);
+    code = denoise_check_outputs(&job);
     if (code)
         return code;
     report_line("Loading input\n");

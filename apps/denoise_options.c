@@ -59,6 +59,20 @@ static int add_output(void *settings, const char *const *v)
     return !v[0][0];
 }
 
+static int add_layer(S *s, const char *name, int is_part)
+{
+    if (s->pass_count < MAX_PASSES) {
+        s->passes[s->pass_count] = name;
+        s->is_part[s->pass_count] = is_part;
+    }
+    s->pass_count++;
+    s->part_count += is_part;
+    return !name[0];
+}
+
+static int add_pass(void *settings, const char *const *v) { return add_layer(settings, v[0], 0); }
+static int add_part(void *settings, const char *const *v) { return add_layer(settings, v[0], 1); }
+
 /* ROLE=LAYER */
 static int set_layer(void *settings, const char *const *v)
 {
@@ -112,6 +126,10 @@ static const option table[] = {
          "layer that is color, albedo, normal or motion: its name, channels a,b,c, or none"),
     FLAG("no_aux no-aux noAux noaux", only_given, 1,
          "use no albedo and normals but those of --alb and --nrm"),
+    CALL("pass", add_pass, 1, "NAME",
+         "another layer to denoise, or A, the alpha; may be given several times"),
+    CALL("part", add_part, 1, "NAME",
+         "likewise, of those that add up to the colour: its result is the sum of theirs"),
     CALL("o out output", add_output, 1, "FILE", "where to write; may be given several times"),
     TEXT("frames", frames, "LIST", "1-240 or 1,5,10-20x2: for names with #### or %04d"),
     FLAG("temporal", is_temporal, 1, "with --frames: less noise and flicker, by the frames before"),
@@ -177,6 +195,15 @@ void denoise_set_defaults(S *s)
     s->strength = 1;
 }
 
+/* How many outputs hold what is read from layers. */
+static int layered_outputs(const S *s)
+{
+    int count = 0;
+    for (int i = 0; i < s->output_count; i++)
+        count += image_path_alpha(s->outputs[i]) == IMAGE_MULTIPLIED;
+    return count;
+}
+
 /* Combinations that no filter could make sense of. */
 static exit_code validate(const S *s)
 {
@@ -209,6 +236,22 @@ static exit_code validate(const S *s)
     if (s->is_temporal &&
         (!s->files[IMAGE_COLOR] || s->is_directional || s->runs > 1 || strcmp(s->filter, "RT")))
         return report_error(EXIT_USAGE, "--temporal is for colours, the filter RT and one run");
+    if (s->pass_count > MAX_PASSES)
+        return report_error(EXIT_USAGE,
+                            "--pass and --part are given %d times; at most %d are supported",
+                            s->pass_count, MAX_PASSES);
+    if (s->pass_count && (!s->files[IMAGE_COLOR] || s->is_directional || s->is_temporal ||
+                          strcmp(s->filter, "RT")))
+        return report_error(EXIT_USAGE,
+                            "--pass and --part are for layers beside a colour, the filter RT, and "
+                            "frames one by one");
+    if (s->part_count && s->runs > 1)
+        return report_error(EXIT_USAGE,
+                            "--part does not go with -n: each is denoised in its place");
+    if (s->pass_count && s->output_count && !layered_outputs(s))
+        return report_error(EXIT_USAGE,
+                            "--pass and --part: '%s' holds no layers, an .exr file does",
+                            s->outputs[0]);
     if (s->frames) {
         for (int i = 0; i < s->output_count; i++)
             if (!sequence_is_pattern(s->outputs[i]))

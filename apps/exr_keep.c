@@ -10,13 +10,24 @@
 
 #include "half.h"
 
+#define MOST_IMAGES (1 + IMAGE_MAX_ALSO)
+
+/* A part of the file in which images take the place of channels. */
+typedef struct changed_part {
+    int part;
+    exr_chunks chunks; /* in the source */
+    int channels;
+    unsigned char *wanted; /* [channels] 1: copied */
+    int *replaced;         /* [channels] of what is not: the image, times 3, plus its channel; -1 */
+} changed_part;
+
 typedef struct keeper {
     exr_file in, out;
-    const image *img;
-    exr_chunks chunks; /* of the changed part, in the source */
-    int channels;
-    unsigned char *wanted;
-    int *replaced; /* [channels] channel of the image that takes its place, or -1 */
+    const image *images[MOST_IMAGES];
+    unsigned count;
+    changed_part changed[MOST_IMAGES];
+    unsigned changed_count;
+    changed_part *now;    /* the one that is being copied */
     exr_result_t failure; /* of the first chunk that failed: */
     exr_file *culprit;    /* the file, */
     exr_decoder *failed;  /* and whose it is, if in decoding */
@@ -32,42 +43,70 @@ typedef struct keep_slot {
 
 static void keeper_free(keeper *k)
 {
-    free(k->wanted);
-    free(k->replaced);
+    for (unsigned i = 0; i < k->changed_count; i++) {
+        free(k->changed[i].wanted);
+        free(k->changed[i].replaced);
+    }
     exr_file_close(&k->in);
     exr_file_close(&k->out);
 }
 
-/* Finds the image's channels in the source; fails if the file is no longer the one that was read.
- */
-static image_status match_channels(keeper *k, image_error *error)
+static changed_part *find_changed(keeper *k, int part)
 {
-    const image *img = k->img;
+    for (unsigned i = 0; i < k->changed_count; i++)
+        if (k->changed[i].part == part)
+            return &k->changed[i];
+    return NULL;
+}
+
+/* Looks at a part in which something will change. */
+static image_status begin_part(keeper *k, int part, int channels, image_error *error)
+{
+    changed_part *p = &k->changed[k->changed_count++];
+    exr_result_t result = exr_chunks_begin(&p->chunks, k->in.context, part);
+
+    if (result)
+        return exr_file_fail(&k->in, result, IMAGE_ERROR_WRITE, error);
+    p->part = part;
+    p->channels = channels;
+    p->wanted = calloc((size_t)p->channels, sizeof *p->wanted);
+    p->replaced = calloc((size_t)p->channels, sizeof *p->replaced);
+    if (!p->wanted || !p->replaced)
+        return image_fail(error, IMAGE_ERROR_MEMORY, "not enough memory");
+    for (int c = 0; c < p->channels; c++) {
+        p->wanted[c] = 1;
+        p->replaced[c] = -1;
+    }
+    return IMAGE_OK;
+}
+
+/* Finds an image's channels in the source; fails if the file is no longer the one that was read. */
+static image_status match_channels(keeper *k, unsigned index, image_error *error)
+{
+    const image *img = k->images[index];
+    changed_part *p = find_changed(k, img->part);
     const exr_attr_chlist_t *list;
     unsigned found = 0;
     exr_result_t result = exr_get_channels(k->in.context, img->part, &list);
 
-    if (!result)
-        result = exr_chunks_begin(&k->chunks, k->in.context, img->part);
     if (result)
         return exr_file_fail(&k->in, result, IMAGE_ERROR_WRITE, error);
-    k->channels = list->num_channels;
-    k->wanted = calloc((size_t)k->channels, sizeof *k->wanted);
-    k->replaced = calloc((size_t)k->channels, sizeof *k->replaced);
-    if (!k->wanted || !k->replaced)
-        return image_fail(error, IMAGE_ERROR_MEMORY, "not enough memory");
-    for (int c = 0; c < k->channels; c++) {
-        k->replaced[c] = -1;
+    if (!p) {
+        image_status status = begin_part(k, img->part, list->num_channels, error);
+        if (status)
+            return status;
+        p = find_changed(k, img->part);
+    }
+    for (int c = 0; c < p->channels; c++)
         for (unsigned i = 0; i < img->channels; i++)
             if (!strcmp(list->entries[c].name.str, img->names[i])) {
-                k->replaced[c] = (int)i;
+                p->replaced[c] = (int)(index * 3 + i);
+                p->wanted[c] = 0;
                 found++;
             }
-        k->wanted[c] = k->replaced[c] < 0;
-    }
     if (found != img->channels ||
-        (size_t)(k->chunks.window.max.x - k->chunks.window.min.x + 1) != img->width ||
-        (size_t)(k->chunks.window.max.y - k->chunks.window.min.y + 1) != img->height)
+        (size_t)(p->chunks.window.max.x - p->chunks.window.min.x + 1) != img->width ||
+        (size_t)(p->chunks.window.max.y - p->chunks.window.min.y + 1) != img->height)
         return image_fail(error, IMAGE_ERROR_WRITE,
                           "the input file changed while it was being denoised");
     return IMAGE_OK;
@@ -83,15 +122,20 @@ static int is_lossless(exr_compression_t compression)
            compression == EXR_COMPRESSION_PIZ;
 }
 
-static exr_result_t set_channels(keeper *k, int part)
+static exr_pixel_type_t type_of(const image *img)
 {
-    exr_pixel_type_t type = k->img->type == IMAGE_HALF ? EXR_PIXEL_HALF : EXR_PIXEL_FLOAT;
+    return img->type == IMAGE_HALF ? EXR_PIXEL_HALF : EXR_PIXEL_FLOAT;
+}
+
+static exr_result_t set_channels(keeper *k, const changed_part *p)
+{
     const exr_attr_chlist_t *list;
-    exr_result_t result = exr_get_channels(k->in.context, part, &list);
+    exr_result_t result = exr_get_channels(k->in.context, p->part, &list);
     for (int c = 0; c < list->num_channels && !result; c++) {
         const exr_attr_chlist_entry_t *e = &list->entries[c];
         result = exr_add_channel(
-            k->out.context, part, e->name.str, k->replaced[c] < 0 ? e->pixel_type : type,
+            k->out.context, p->part, e->name.str,
+            p->wanted[c] ? e->pixel_type : type_of(k->images[p->replaced[c] / 3]),
             e->p_linear ? EXR_PERCEPTUALLY_LINEAR : EXR_PERCEPTUALLY_LOGARITHMIC, e->x_sampling,
             e->y_sampling);
     }
@@ -99,8 +143,9 @@ static exr_result_t set_channels(keeper *k, int part)
 }
 
 /* What of the changed part's header differs from the source's; the rest is copied afterwards. */
-static exr_result_t change_header(keeper *k, int part)
+static exr_result_t change_header(keeper *k, const changed_part *p)
 {
+    const int part = p->part;
     exr_compression_t compression;
     uint32_t tile_w, tile_h;
     exr_tile_level_mode_t level;
@@ -111,13 +156,13 @@ static exr_result_t change_header(keeper *k, int part)
                                      is_lossless(compression) ? compression : EXR_COMPRESSION_ZIP);
     if (!result)
         result = exr_set_lineorder(k->out.context, part, EXR_LINEORDER_INCREASING_Y);
-    if (!result && k->chunks.is_tiled) {
+    if (!result && p->chunks.is_tiled) {
         result = exr_get_tile_descriptor(k->in.context, part, &tile_w, &tile_h, &level, &round);
         if (!result)
             result = exr_set_tile_descriptor(k->out.context, part, tile_w, tile_h,
                                              EXR_TILE_ONE_LEVEL, EXR_TILE_ROUND_DOWN);
     }
-    return result ? result : set_channels(k, part);
+    return result ? result : set_channels(k, p);
 }
 
 /* Attribute and channel names over 31 bytes need a flag in the file. */
@@ -170,6 +215,7 @@ static exr_result_t write_headers(keeper *k, int parts)
     if (has_long_names(k->in.context, parts))
         result = exr_set_longname_support(k->out.context, 1);
     for (int part = 0; part < parts && !result; part++) {
+        const changed_part *changed = find_changed(k, part);
         const char *name = NULL;
         exr_storage_t storage;
         int added;
@@ -178,8 +224,8 @@ static exr_result_t write_headers(keeper *k, int parts)
             name = NULL;
         if (!result)
             result = exr_add_part(k->out.context, name, storage, &added);
-        if (!result && part == k->img->part)
-            result = change_header(k, part);
+        if (!result && changed)
+            result = change_header(k, changed);
         if (!result)
             result = copy_opaque(k, part);
         if (!result)
@@ -309,23 +355,26 @@ static exr_result_t copy_part(keeper *k, int part)
     return result;
 }
 
-/* ---- The changed part ------------------------------------------------------------------------ */
+/* ---- Changed parts ------------------------------------------------------------------------ */
 
-/* Writes the image's pixels of a chunk into the planes of the channels that it replaces. */
+/* Writes the images' pixels of a chunk into the planes of the channels that they replace. */
 static exr_result_t replace_planes(const keeper *k, exr_decoder *decoder)
 {
-    const image *img = k->img;
+    const changed_part *p = k->now;
     const exr_chunks *chunks = &decoder->chunks;
     size_t w = (size_t)chunks->info.width, h = (size_t)chunks->info.height;
-    size_t step = img->type == IMAGE_HALF ? 2 : 4;
-    for (int c = 0; c < k->channels; c++) {
-        if (k->replaced[c] < 0)
+    for (int c = 0; c < p->channels; c++) {
+        const image *img;
+        size_t step;
+        if (p->wanted[c])
             continue;
+        img = k->images[p->replaced[c] / 3];
+        step = img->type == IMAGE_HALF ? 2 : 4;
         if (!exr_decoder_fit(decoder, c, w * h * step))
             return EXR_ERR_OUT_OF_MEMORY;
         for (size_t i = 0; i < w * h; i++) {
             size_t pixel = ((size_t)chunks->y + i / w) * img->width + (size_t)chunks->x + i % w;
-            size_t at = pixel * img->channels + (size_t)k->replaced[c];
+            size_t at = pixel * img->channels + (size_t)(p->replaced[c] % 3);
             memcpy(decoder->planes[c] + i * step, (const unsigned char *)img->pixels + at * step,
                    step);
         }
@@ -336,8 +385,8 @@ static exr_result_t replace_planes(const keeper *k, exr_decoder *decoder)
 /* Encodes one chunk of the output. skipped: lines of the decoded chunk above it. */
 static exr_result_t encode_chunk(keeper *k, keep_slot *s, const exr_chunk_info_t *info, int skipped)
 {
-    exr_result_t result = exr_encoder_begin(&s->encoder, k->out.context, k->img->part, info);
-    for (int c = 0; c < k->channels && !result; c++) {
+    exr_result_t result = exr_encoder_begin(&s->encoder, k->out.context, k->now->part, info);
+    for (int c = 0; c < k->now->channels && !result; c++) {
         exr_coding_channel_info_t *channel = &s->encoder.encode.channels[c];
         unsigned char *plane = s->decoder.planes[c];
         size_t line = (size_t)channel->width * (size_t)channel->bytes_per_element;
@@ -358,7 +407,7 @@ static exr_result_t encode_chunks(keeper *k, keep_slot *s)
 {
     const exr_chunks *chunks = &s->decoder.chunks;
     exr_chunk_info_t info;
-    int part = k->img->part, done = 0;
+    int part = k->now->part, done = 0;
     exr_result_t result = EXR_ERR_SUCCESS;
     if (chunks->is_tiled) {
         result = exr_write_tile_chunk_info(k->out.context, part, chunks->info.start_x,
@@ -379,7 +428,7 @@ static int take_chunk(void *user, void *slot)
 {
     keeper *k = user;
     keep_slot *s = slot;
-    return exr_decoder_take(&s->decoder, &k->chunks);
+    return exr_decoder_take(&s->decoder, &k->now->chunks);
 }
 
 static void change_chunk(void *user, void *slot)
@@ -409,13 +458,13 @@ static image_status change_part(keeper *k, int threads, image_error *error)
     image_status status = IMAGE_OK;
     exr_team team;
     keep_slot *slots;
-    exr_team_begin(&team, threads, exr_chunks_count(&k->chunks), &k->in, &k->out);
+    exr_team_begin(&team, threads, exr_chunks_count(&k->now->chunks), &k->in, &k->out);
     slots = calloc(team.slots, sizeof *slots);
     if (!slots)
         status = image_fail(error, IMAGE_ERROR_MEMORY, "not enough memory");
     for (unsigned i = 0; slots && i < team.slots; i++) {
-        slots[i].decoder.channels = k->channels;
-        slots[i].decoder.wanted = k->wanted;
+        slots[i].decoder.channels = k->now->channels;
+        slots[i].decoder.wanted = k->now->wanted;
         slots[i].decoder.lock = team.lock;
     }
     if (slots)
@@ -441,7 +490,8 @@ static image_status copy_all(keeper *k, int threads, image_error *error)
     if (!result)
         result = write_headers(k, parts);
     for (int part = 0; part < parts && !result && !status; part++) {
-        if (part == k->img->part)
+        k->now = find_changed(k, part);
+        if (k->now)
             status = change_part(k, threads, error);
         else
             result = copy_part(k, part);
@@ -464,10 +514,12 @@ image_status exr_keep_write(FILE *stream, const image *img, const image_target *
         return image_fail(error, IMAGE_ERROR_WRITE, "cannot copy the layers of '%.100s': %s", path,
                           strerror(errno));
     memset(&k, 0, sizeof k);
-    k.img = img;
+    k.images[k.count++] = img;
+    for (unsigned i = 0; i < target->also_count; i++)
+        k.images[k.count++] = target->also[i];
     status = exr_file_read(&k.in, source, error);
-    if (!status)
-        status = match_channels(&k, error);
+    for (unsigned i = 0; i < k.count && !status; i++)
+        status = match_channels(&k, i, error);
     if (!status)
         status = exr_file_write(&k.out, stream, error);
     if (!status)

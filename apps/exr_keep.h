@@ -4,11 +4,11 @@
 
 #include "imageio.h"
 
-/* Copies the EXR file target->keep_layers to `stream` with img in place of the channels named in
- * it. All attributes, other channels and other parts stay; parts that the image is not in are
- * copied without decoding them. The part that it is in is compressed as before if that loses
- * nothing, else as ZIP, and keeps only the full-resolution level of a tiled file. The new channels
- * have the image's type. */
+/* Copies the EXR file target->keep_layers to `stream` with img, and those of target->also, in place
+ * of the channels named in them. All attributes, other channels and other parts stay; parts that no
+ * image is in are copied without decoding them. One that some are in is compressed as before if
+ * that loses nothing, else as ZIP, and keeps only the full-resolution level of a tiled file. The
+ * new channels have their image's type. */
 image_status exr_keep_write(FILE *stream, const image *img, const image_target *target,
                             image_error *error);
 

@@ -346,7 +346,7 @@ image_status image_check_writable(const char *path, image_error *error)
 image_status image_write(const char *path, const image *img, const image_target *target,
                          image_error *error)
 {
-    static const image_target plain = {NULL, 0};
+    static const image_target plain = {NULL, 0, NULL, 0};
     output_file out;
     image_status status = image_check_writable(path, error);
     int code;

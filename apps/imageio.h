@@ -124,7 +124,11 @@ typedef struct image_target {
         *keep_layers; /* EXR: copy everything but the channels named in the image from this file,
                        * which may be the target itself; NULL: a file with this image only */
     int threads; /* to encode an EXR file, likewise; its bytes do not depend on it */
+    const image *const *also; /* with keep_layers: others of that file, to be replaced, too: */
+    unsigned also_count;      /* IMAGE_MAX_ALSO at most */
 } image_target;
+
+#define IMAGE_MAX_ALSO 64
 
 /* Writes an image in the format that the path's extension names; `target` may be NULL. After an
  * interrupt (platform_interrupted) it fails and leaves what was there. */

@@ -4,7 +4,6 @@
 
 #if LULL_WITH_OPENEXR
 
-#include <ctype.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -46,17 +45,6 @@ typedef struct read_slot {
     exr_result_t result;
 } read_slot;
 
-/* 1 for A and alpha, in upper or lower case. */
-static int is_alpha(const char *component)
-{
-    static const char name[] = "alpha";
-    size_t n = strlen(component);
-    for (size_t i = 0; i < n; i++)
-        if (tolower((unsigned char)component[i]) != name[i < 5 ? i : 5])
-            return 0;
-    return n == 1 || n == 5;
-}
-
 /* Place in the part of the alpha of a layer, one of whose channels has this name; -1: none. */
 static int find_alpha(const exr_attr_chlist_t *channels, const char *name)
 {
@@ -64,8 +52,9 @@ static int find_alpha(const exr_attr_chlist_t *channels, const char *name)
     size_t prefix = dot ? (size_t)(dot - name) + 1 : 0;
     for (int c = 0; c < channels->num_channels; c++) {
         const exr_attr_chlist_entry_t *channel = &channels->entries[c];
-        if (!strncmp(channel->name.str, name, prefix) && is_alpha(channel->name.str + prefix) &&
-            channel->x_sampling == 1 && channel->y_sampling == 1)
+        if (!strncmp(channel->name.str, name, prefix) &&
+            layers_is_alpha(channel->name.str + prefix) && channel->x_sampling == 1 &&
+            channel->y_sampling == 1)
             return c;
     }
     return -1;

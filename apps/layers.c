@@ -161,6 +161,23 @@ static int is_auxiliary(const char *channel)
 
 int layers_may_be_light(const char *channel) { return agreement(channel, "diffuse") > 0; }
 
+int layers_is_bare_light(const char *channel)
+{
+    static const char *const layers[] = {
+        "DiffDir", "DiffInd", "GlossDir", "GlossInd", "TransDir", "TransInd", /* to Blender 4 */
+        "Diffuse Direct", "Diffuse Indirect", "Glossy Direct", "Glossy Indirect",
+        "Transmission Direct", "Transmission Indirect"};
+    for (size_t i = 0; i < sizeof layers / sizeof layers[0]; i++)
+        if (agreement(channel, layers[i]))
+            return 1;
+    return 0;
+}
+
+int layers_is_alpha(const char *component)
+{
+    return is_component(component, "a") || is_component(component, "alpha");
+}
+
 /* Colour under a name we do not know, grey, or R and G alone. */
 static layer_match find_any_color(const char *const *names, size_t count)
 {

@@ -32,6 +32,13 @@ layer_match layers_find_named(const char *layer, const char *const *names, size_
 /* 1 if the channel is of an albedo by the name of diffuse, which to most renderers is light. */
 int layers_may_be_light(const char *channel);
 
+/* 1 if the channel is of a pass of light that is still to be multiplied by the colours of surfaces,
+ * by the names that Cycles has for such. */
+int layers_is_bare_light(const char *channel);
+
+/* 1 for A and alpha, in upper or lower case: the component of a channel's name, after the dot. */
+int layers_is_alpha(const char *component);
+
 /* "color", "albedo", "normal", "motion" */
 const char *layers_role_name(image_role role);
 

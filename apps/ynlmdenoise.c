@@ -194,7 +194,8 @@ static exit_code denoise(image *images, image *output, const settings *s)
 
 static exit_code save(const image *source, image *output, const settings *s)
 {
-    image_target target = {source->is_layered ? s->files[IMAGE_COLOR] : NULL, s->threads};
+    image_target target = {source->is_layered ? s->files[IMAGE_COLOR] : NULL, s->threads, NULL,
+                           0};
     image whole;
     image_error error;
     image_convert_alpha(output, source->alpha,
