@@ -3,9 +3,9 @@
     python -m export.golden_kernel [tests/golden/kernel]
 
 The folder gets weights.tza, {color,albedo,normal}.f32 ([H,W,3], little endian) and, for each set
-of features and content, out_<features>_<content>.f32; alone.tza is the same model for an albedo or
-normals alone, of out_alone_<features>_<content>.f32. tests/core/test_kernel.c compares the C core
-with them to the bit.
+of features and content, out_<features>_<content>.f32 (_clean: albedo and normals have no noise);
+alone.tza is the same model for an albedo or normals alone, of out_alone_<features>_<content>.f32.
+tests/core/test_kernel.c compares the C core with them to the bit.
 """
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ from training import errors
 WIDTHS = (5, 4, 6, 4, 8, 7, 8, 8, 9, 8, 8, 6, 6, 4)  # those that heads read are even
 WORDS = ("0a", "1b", "2a", "4b", "dec2", "dec0", "head1")  # layers whose sums fit words
 HEIGHT, WIDTH = 37, 45
-CASES = ((7, "hdr"), (7, "ldr"), (7, "srgb"), (1, "hdr"), (3, "hdr"), (5, "lightmap-hdr"),
-         (1, "lightmap-dir"), (2, "ldr"), (4, "ldr"))
+CASES = ((7, "hdr"), (7, "hdr_clean"), (7, "ldr"), (7, "srgb"), (1, "hdr"), (3, "hdr"),
+         (5, "lightmap-hdr"), (1, "lightmap-dir"), (2, "ldr"), (4, "ldr"))
 ALONE_CASES = ((2, "ldr"), (2, "srgb"), (4, "ldr"))
 FEATURE_BITS = {"color": 1, "albedo": 2, "normal": 4}
 
@@ -72,6 +72,8 @@ def pictures(seed: int) -> dict[str, np.ndarray]:
     albedo = rng.random((HEIGHT, WIDTH, 3), np.float32) * np.float32(1.1)
     albedo[24:31, 15:28] = albedo[31:35, 15:] = 0.3, 0.5, 0.4  # and here it has no grain
     albedo[:5, 40:43], albedo[7, 3:5], albedo[8, 3:7, 1:] = 0, (-1, np.nan, 1e-39), 0
+    albedo[10:16, 33:] = color[10:16, 32:] = 0  # nothing is here, but for one lamp
+    color[2:4, 40:43], color[12, 37], color[14, 41] = (0, -1, 1e-39), 0.5, np.nan
     return {"color": color,
             "albedo": albedo,
             "normal": (rng.random((HEIGHT, WIDTH, 3), np.float32) * 2 - 1).astype(np.float32)}
@@ -99,7 +101,9 @@ def write(folder: Path) -> None:
         model = kernel.load(folder / f"{name}.tza")
         for features, content in cases:
             chosen = {f: i for f, i in images.items() if features & FEATURE_BITS[f]}
-            out = kernel.run_frame(model, pixels.Frame(chosen, content))
+            content, clean, _ = content.partition("_clean")
+            out = kernel.run_frame(model, pixels.Frame(chosen, content, clean_aux=bool(clean)))
+            content += clean
             out.astype("<f4").tofile(folder / f"{prefix}_{features}_{content}.f32")
 
 

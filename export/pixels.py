@@ -246,6 +246,7 @@ class Frame:
     images: Mapping[str, np.ndarray]
     content: str = "hdr"
     scale: float | None = None  # None: auto-exposure for HDR content, else 1
+    clean_aux: bool = False     # albedo and normals have no noise
 
     def rule(self) -> Content:
         lone_normal = set(self.images) == {"normal"}

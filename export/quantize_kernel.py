@@ -90,7 +90,7 @@ def calibration_input(images: dict[str, np.ndarray], content: str = "hdr") -> np
     color = pixels.sanitize(images["color"], frame.input_scale(), 0.0, pixels.MAX)
     albedo, normal = images.get("albedo"), images.get("normal")
     if albedo is not None:
-        albedo = kernel.without_black(pixels.sanitize(albedo, 1.0, 0.0, 1.0))
+        albedo = kernel.without_black(pixels.sanitize(albedo, 1.0, 0.0, 1.0), color)
     if normal is not None:
         normal = pixels.sanitize(normal, 1.0, -1.0, 1.0)
     codes = kernel.encode(color, albedo, normal, not frame.rule().is_hdr)

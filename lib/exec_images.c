@@ -134,6 +134,43 @@ static void load_direct(const lull_task *t, float *block, unsigned x, unsigned y
     lull_exec_direct(t, &row, block, x, y - t->base_row, n);
 }
 
+/* 1 if in the run of pixels of row y that begins at column x none whose albedo is black has light:
+ * these show nothing. */
+static int is_empty_run(const lull_task *t, unsigned x, unsigned y)
+{
+    const unsigned width = t->plan->frame.width, n = lull_min_u(LULL_EMPTY_RUN, width - x);
+    float albedo[3 * LULL_EMPTY_RUN], light[3 * LULL_EMPTY_RUN];
+
+    lull_image_load(albedo, &t->images->albedo, width, x, y, n);
+    lull_image_load(light, &t->images->color, width, x, y, n);
+    for (unsigned i = 0; i < n; i++)
+        if (lull_is_black(albedo + 3 * i, 1.0f) && !lull_is_black(light + 3 * i, t->plan->scale))
+            return 0;
+    return 1;
+}
+
+/* n pixels of the albedo with LULL_EMPTY_ALBEDO for those that show nothing, then in `block`. */
+static const float *mark_empty(const float *albedo, const lull_task *t, float *block, unsigned x,
+                               unsigned y, unsigned n)
+{
+    unsigned known = 0; /* the run's number, from 1 on, of which is_empty is known */
+    int is_empty = 0;
+
+    for (unsigned i = 0; i < n; i++) {
+        const unsigned run = (x + i) / LULL_EMPTY_RUN;
+        if (!lull_is_black(albedo + 3 * (size_t)i, 1.0f))
+            continue;
+        if (known != run + 1)
+            is_empty = is_empty_run(t, run * LULL_EMPTY_RUN, y);
+        known = run + 1;
+        if (is_empty && albedo != block)
+            albedo = memcpy(block, albedo, 3 * (size_t)n * sizeof *block);
+        for (unsigned c = 0; is_empty && c < 3; c++)
+            block[3 * (size_t)i + c] = LULL_EMPTY_ALBEDO;
+    }
+    return albedo;
+}
+
 const float *lull_exec_aux(const lull_task *t, unsigned feature, float *block, unsigned x,
                            unsigned y, unsigned n)
 {
@@ -145,7 +182,8 @@ const float *lull_exec_aux(const lull_task *t, unsigned feature, float *block, u
     pixels = lull_image_floats(image, frame->width, x, y);
     if (!pixels)
         lull_image_load(block, image, frame->width, x, y, n);
-    return pixels ? pixels : block;
+    pixels = pixels ? pixels : block;
+    return feature == 1 && !frame->clean_aux ? mark_empty(pixels, t, block, x, y, n) : pixels;
 }
 
 /* What the kernels cannot do is done before, in `block`. */

@@ -156,6 +156,7 @@ typedef struct lull_frame {
     unsigned strip_width; /* columns computed together; 0: chosen (all if max_bytes permits) */
     unsigned trained_for; /* 0: direct networks see the content's own transfer function; else that
                            * of the content trained_for - 1, for weights made for other content */
+    unsigned clean_aux;   /* 1: albedo and normals have no noise */
 } lull_frame;
 
 /* A frame with everything else zero. */

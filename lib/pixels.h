@@ -79,6 +79,17 @@ LULL_INLINE uint8_t lull_normal_code(float n)
     return lull_to_code(lull_sane(n, 1.0f, -1.0f, 1.0f) * 127.5f + 127.5f);
 }
 
+#define LULL_EMPTY_ALBEDO 0.1f /* of pixels that show nothing */
+#define LULL_EMPTY_RUN 4u      /* pixels of a row that say together whether they do */
+
+/* 1 if a pixel's sanitised values are 0, all three. */
+LULL_INLINE int lull_is_black(const float *v, float scale)
+{
+    return !(lull_sane(v[0], scale, 0.0f, 1.0f) > 0.0f ||
+             lull_sane(v[1], scale, 0.0f, 1.0f) > 0.0f ||
+             lull_sane(v[2], scale, 0.0f, 1.0f) > 0.0f);
+}
+
 /* Sanitises the albedo of a pixel; where there is none, it is white. */
 LULL_INLINE void lull_sane_albedo(float *a)
 {

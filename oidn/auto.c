@@ -71,6 +71,7 @@ static lull_frame window_frame(const lull_frame *whole)
     lull_frame frame = lull_frame_default(WINDOW, WINDOW, whole->content, whole->features);
 
     frame.trained_for = whole->trained_for;
+    frame.clean_aux = whole->clean_aux;
     return frame;
 }
 

@@ -145,6 +145,7 @@ static bool find_pictures(lull_pictures *pictures, OIDNFilter filter, lull_frame
         return lull_fail(fault, OIDN_ERROR_OUT_OF_MEMORY, "out of memory: pictures of %llu pixels",
                          (unsigned long long)pixels);
     pictures->orientations = (unsigned)n;
+    frame->clean_aux = filter->values[lull_value_clean_aux].i != 0;
     frame->in_place = find_overlap(filter, frame, &staged);
     if (n > 1) {
         staged = frame->in_place || output->format >= OIDN_FORMAT_HALF;
@@ -191,7 +192,8 @@ static bool same_frame(const lull_frame *a, const lull_frame *b)
            a->features == b->features && a->threads == b->threads && a->in_place == b->in_place &&
            a->streamed == b->streamed &&
            a->max_bytes == b->max_bytes && a->row_step == b->row_step &&
-           a->strip_width == b->strip_width && a->trained_for == b->trained_for;
+           a->strip_width == b->strip_width && a->trained_for == b->trained_for &&
+           a->clean_aux == b->clean_aux;
 }
 
 /* Bytes of the smallest plan: the core's has one orientation at a time, the engine's has both kinds

@@ -44,7 +44,7 @@ def planes(codes: np.ndarray, features: list[str], has_albedo: bool = True,
     if features[0] in LONE:
         out[..., 6:9], out[..., 10] = codes[..., :3], 1
     if out[..., 9].any():
-        out[..., 3:6] = without_black(out[..., 3:6])
+        out[..., 3:6] = without_black(out[..., 3:6], out[..., :3])
     out[..., 11] = clipped or features[0] != "hdr"
     return out
 

@@ -100,6 +100,8 @@ static void start(lull_engine_plan *plan, lull_opencl *cl, const lull_frame *fra
         plan->schedule.flags |= LULL_CL_NORMAL;
     if (!lull_exec_content(&plan->host.frame).is_hdr)
         plan->schedule.flags |= LULL_CL_CLIPPED;
+    if (frame->clean_aux)
+        plan->schedule.flags |= LULL_CL_CLEAN;
     if (model->graph.is_alone)
         plan->schedule.flags |= LULL_CL_ALONE;
 }

@@ -52,6 +52,7 @@ typedef struct lull_cl_conv {
 #define LULL_CL_CLIPPED 4u /* the main image's radiance is clipped to [0,1] */
 #define LULL_CL_NOISE 8u   /* codes of the noise are asked for, or used for the output */
 #define LULL_CL_ALONE 32u  /* the main image stands for normals, too, but is no LULL_CL_NORMAL */
+#define LULL_CL_CLEAN 64u  /* albedo and normals have no noise */
 #define LULL_CL_FAR 16u    /* the smoothing looks at the pixels farthest away, too */
 
 #define LULL_CL_SOURCES 5

@@ -126,7 +126,7 @@ static void sources_of_layers_may_break(void)
 {
     const char *source = "test_ordered_source.exr", *result = "test_ordered_result.exr";
     image_request request = {.role = IMAGE_COLOR, .layer = "R", .threads = 1};
-    image_target target = {source, 1};
+    image_target target = {source, 1, NULL, 0};
     image_error first, error;
     image img, red;
     FILE *file;

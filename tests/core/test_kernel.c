@@ -56,23 +56,25 @@ typedef struct run_case {
     unsigned features;
     lull_content content;
     const char *expected, *weights;
+    unsigned clean_aux;
 } run_case;
 
 #define ANY "weights.tza"
 #define ALONE "alone.tza" /* for an albedo or normals alone */
 
-static const run_case cases[] = {{7, LULL_HDR, "out_7_hdr.f32", ANY},
-                                 {7, LULL_LDR, "out_7_ldr.f32", ANY},
-                                 {7, LULL_SRGB, "out_7_srgb.f32", ANY},
-                                 {1, LULL_HDR, "out_1_hdr.f32", ANY},
-                                 {3, LULL_HDR, "out_3_hdr.f32", ANY},
-                                 {5, LULL_LIGHTMAP_HDR, "out_5_lightmap-hdr.f32", ANY},
-                                 {1, LULL_LIGHTMAP_DIR, "out_1_lightmap-dir.f32", ANY},
-                                 {2, LULL_LDR, "out_2_ldr.f32", ANY},
-                                 {4, LULL_LDR, "out_4_ldr.f32", ANY},
-                                 {2, LULL_LDR, "out_alone_2_ldr.f32", ALONE},
-                                 {2, LULL_SRGB, "out_alone_2_srgb.f32", ALONE},
-                                 {4, LULL_LDR, "out_alone_4_ldr.f32", ALONE}};
+static const run_case cases[] = {{7, LULL_HDR, "out_7_hdr.f32", ANY, 0},
+                                 {7, LULL_HDR, "out_7_hdr_clean.f32", ANY, 1},
+                                 {7, LULL_LDR, "out_7_ldr.f32", ANY, 0},
+                                 {7, LULL_SRGB, "out_7_srgb.f32", ANY, 0},
+                                 {1, LULL_HDR, "out_1_hdr.f32", ANY, 0},
+                                 {3, LULL_HDR, "out_3_hdr.f32", ANY, 0},
+                                 {5, LULL_LIGHTMAP_HDR, "out_5_lightmap-hdr.f32", ANY, 0},
+                                 {1, LULL_LIGHTMAP_DIR, "out_1_lightmap-dir.f32", ANY, 0},
+                                 {2, LULL_LDR, "out_2_ldr.f32", ANY, 0},
+                                 {4, LULL_LDR, "out_4_ldr.f32", ANY, 0},
+                                 {2, LULL_LDR, "out_alone_2_ldr.f32", ALONE, 0},
+                                 {2, LULL_SRGB, "out_alone_2_srgb.f32", ALONE, 0},
+                                 {4, LULL_LDR, "out_alone_4_ldr.f32", ALONE, 0}};
 
 static const unsigned variants[][5] = {/* threads, row step, strip width, in place, streamed */
                                        {1, 0, 0, 0, 0},  {3, 1, 0, 0, 0},  {2, 5, 16, 0, 0},
@@ -134,6 +136,7 @@ static void run_one(const run_case *c, const void *weights, size_t bytes, uint32
             *(f == 0 ? &images.color : f == 1 ? &images.albedo : &images.normal) = image;
     }
     frame.threads = threads;
+    frame.clean_aux = c->clean_aux;
     frame.row_step = variant[1];
     frame.strip_width = variant[2];
     frame.in_place = variant[3];

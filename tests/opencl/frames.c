@@ -10,7 +10,7 @@ static OIDNDevice opencl, cpu;
 typedef struct frame {
     size_t width, height;
     unsigned features; /* bits of color, albedo, normal */
-    const char *type, *content; /* of filter; boolean parameter that is set, or NULL */
+    const char *type, *content, *more; /* of filter; boolean parameters that are set, or NULL */
     OIDNQuality quality;
     int memory;   /* maxMemoryMB */
     int ensemble; /* orientations */
@@ -27,7 +27,8 @@ static bool count_call(void *calls, double progress)
     return true;
 }
 
-static const frame plain = {93, 61, 7, "RT", "hdr", OIDN_QUALITY_FAST, -1, 1, NAN, NULL, 0, NULL};
+static const frame plain = {93, 61, 7, "RT", "hdr", NULL, OIDN_QUALITY_FAST, -1, 1, NAN, NULL, 0,
+                            NULL};
 
 static void run(OIDNDevice device, const frame *f, float *const images[3], float *out)
 {
@@ -41,6 +42,8 @@ static void run(OIDNDevice device, const frame *f, float *const images[3], float
     oidnSetSharedFilterImage(filter, "output", out, F3, f->width, f->height, 0, 0, 0);
     if (f->content)
         oidnSetFilterBool(filter, f->content, true);
+    if (f->more)
+        oidnSetFilterBool(filter, f->more, true);
     if (f->weights)
         oidnSetSharedFilterData(filter, "weights", (void *)(size_t)f->weights, f->weights_bytes);
     oidnSetFilterInt(filter, "quality", f->quality);
@@ -457,9 +460,9 @@ static void equals_the_reference(void)
 {
     static const struct {
         unsigned features;
-        const char *type, *content, *expected;
-        const char *weights; /* NULL: weights.tza */
+        const char *type, *content, *expected, *weights; /* the last NULL: weights.tza */
     } rows[] = {{7, "RT", "hdr", "out_7_hdr.f32", NULL},
+                {7, "RT", "hdr", "out_7_hdr_clean.f32", NULL},
                 {7, "RT", NULL, "out_7_ldr.f32", NULL},
                 {7, "RT", "srgb", "out_7_srgb.f32", NULL},
                 {1, "RT", "hdr", "out_1_hdr.f32", NULL},
@@ -478,8 +481,7 @@ static void equals_the_reference(void)
     NEED_OPENCL();
     if (!*(const char *)&one)
         SKIP("optional: the vectors are little-endian");
-    f.width = 45;
-    f.height = 37;
+    f.width = 45, f.height = 37;
     images[0] = read_golden("kernel", "color.f32", &bytes);
     images[1] = read_golden("kernel", "albedo.f32", &bytes);
     images[2] = read_golden("kernel", "normal.f32", &bytes);
@@ -492,6 +494,7 @@ static void equals_the_reference(void)
         f.features = rows[i].features;
         f.type = rows[i].type;
         f.content = rows[i].content;
+        f.more = strstr(rows[i].expected, "_clean") ? "cleanAux" : NULL;
         expected = read_golden("kernel", rows[i].expected, &bytes);
         run(opencl, &f, images, out);
         if (!CHECK(!memcmp(out, expected, bytes)))

@@ -189,6 +189,44 @@ def test_wrong_features_do_not_make_it_worse_than_the_input(clean_up, case):
     assert psnr(out, frame["clean"]) > psnr(frame["color"], frame["clean"])
 
 
+def cut_out(spp: int, seed: int = 1) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    """Objects before nothing, as renderers with a transparent background have it: what samples miss
+    them is missing from the colour and from albedo and normals alike. And the truth."""
+    rng, frame = np.random.default_rng(seed), scene()
+    height, width = frame["clean"].shape[:2]
+    y, x = np.mgrid[:height, :width]
+    cover = np.zeros((height, width))
+    for cy, cx, r in ((40, 40, 27), (70, 100, 33), (25, 110, 15)):
+        cover = np.maximum(cover, np.clip(r - np.hypot(y - cy, x - cx) + 0.5, 0, 1))
+    hit = rng.binomial(spp, cover)[..., None] / spp
+    light = frame["clean"] * rng.gamma(2 * spp, 0.5 / spp, (height, width, 1))
+    noisy = {"color": light, "albedo": frame["albedo"], "normal": frame["normal"]}
+    return ({k: (v * hit).astype(np.float32) for k, v in noisy.items()},
+            (frame["clean"] * cover[..., None]).astype(np.float32))
+
+
+@pytest.mark.parametrize("quality", QUALITIES)
+def test_edges_before_nothing(clean_up, quality):
+    """There the albedo is black because nothing was hit, not because it is a lamp, which counts as
+    white; where the next sample hits, the result would be too bright and ragged."""
+    for spp, least in ((1, 0.1), (4, 0.2)):
+        images, truth = cut_out(spp)
+        as_lamps = dict(images)
+        black = (images["albedo"] == 0).all(-1, keepdims=True)
+        as_lamps["albedo"] = np.where(black, np.float32(1), images["albedo"])
+        gain = psnr(clean_up(images, quality), truth) - psnr(clean_up(as_lamps, quality), truth)
+        assert gain > least
+
+
+def test_lamps_stay_bright(clean_up):
+    """Black albedo where there is light is that of a lamp, also where some of it was missed."""
+    images, _ = cut_out(4)
+    lamp = np.s_[60:68, 20:60]
+    images["color"][lamp], images["albedo"][lamp] = 5, 0
+    images["color"][62, 33] = 0
+    assert clean_up(images)[61:67, 22:58].min() > 2
+
+
 def through_filter(image: np.ndarray, taps: Sequence[float]) -> np.ndarray:
     """Pixels as a wide filter of five taps a direction makes them of box-filtered ones."""
     for axis in (0, 1):
