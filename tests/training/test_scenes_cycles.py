@@ -26,7 +26,7 @@ import bpy
 bpy.ops.wm.read_factory_settings(use_empty=False)  # a cube, a lamp and a camera
 bpy.ops.mesh.primitive_plane_add(size=40, location=(0, 0, -1))
 first = bpy.context.scene.camera
-second = bpy.data.objects.new("Top_view", first.data)
+second = bpy.data.objects.new("Top/view", first.data)
 second.location = (0, 0, 9)
 bpy.context.collection.objects.link(second)
 cube = bpy.data.objects["Cube"]
@@ -156,7 +156,7 @@ def test_scenes_of_ones_own(tmp_path):
 
 @needs_bpy
 @pytest.mark.parametrize("options, code, message", [
-    (["--cameras", "Nobody"], 2, "has no camera 'Nobody' (but Camera, Top_view)"),
+    (["--cameras", "Nobody"], 2, "has no camera 'Nobody' (but Camera, Top/view)"),
     ([], 3, "broken.blend: ")])
 def test_scenes_of_ones_own_that_cannot_be(tmp_path, options, code, message):
     blend = tmp_path / ("shot.blend" if options else "broken.blend")

@@ -205,11 +205,15 @@ def own(bpy, args: argparse.Namespace, counts: list[int], size: tuple[int, int] 
     frames = (options.count_list(args.frames, "--frames", 0) if args.frames
               else [scene.frame_current])
     set_up(scene, size, args.threads)
-    base = os.path.splitext(os.path.basename(args.blend))[0].replace("_", "-")
+    base = options.plain(os.path.splitext(os.path.basename(args.blend))[0])
+    plain = {name: options.plain(name) for name in names}
+    if len(set(plain.values())) < len(names):
+        raise ToolError(f"{args.blend}: cameras of one name but for marks ({', '.join(names)}), "
+                        "which are not told apart in names of files", DATA)
     kept = {k: getattr(args, k) for k in ("size", "spp", "ref")}
     jobs = options.shard([(f, c) for f in frames for c in names], args.shard)
     for k, (frame, camera) in enumerate(jobs):
-        name = f"{base}-f{frame:04d}" + (f"-{camera.replace('_', '-')}" if len(names) > 1 else "")
+        name = f"{base}-f{frame:04d}" + (f"-{plain[camera]}" if len(names) > 1 else "")
         if options.is_finished(args.out, name, kept):
             continue
         scene.frame_set(frame)

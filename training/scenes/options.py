@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import re
 
 from training import errors
 from training.errors import DATA, OUTPUT, STATE, USAGE, ToolError
@@ -121,6 +122,11 @@ def bit_pair(text: str) -> tuple[int, int]:
     if not (2 <= a <= 10 and 2 <= b <= 10):
         raise ToolError(f"--bits: cannot read {text!r} (wanted: two of 2..10, as 6,8)", USAGE)
     return a, b
+
+
+def plain(name: str) -> str:
+    """A name as a part of names of groups: letters, digits and dashes."""
+    return re.sub(r"[^A-Za-z0-9-]+", "-", name)
 
 
 def shard(items: list, text: str) -> list:

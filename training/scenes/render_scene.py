@@ -10,7 +10,6 @@ from __future__ import annotations
 import argparse
 import hashlib
 import os
-import re
 import time
 from dataclasses import asdict
 
@@ -20,7 +19,7 @@ from training import errors
 from training.errors import DATA, USAGE, ToolError
 
 from . import backend
-from .options import bit_pair, count_list, is_finished, make_folder, shard, size_pair
+from .options import bit_pair, count_list, is_finished, make_folder, plain, shard, size_pair
 
 
 def parser() -> argparse.ArgumentParser:
@@ -155,8 +154,7 @@ def run(args: argparse.Namespace) -> None:
         size_pair(args.size)
     if not os.path.isfile(args.scene):
         raise ToolError(f"{args.scene}: no such file", DATA)
-    name = args.name or re.sub(r"[^A-Za-z0-9-]+", "-", os.path.splitext(
-        os.path.basename(args.scene))[0])
+    name = args.name or plain(os.path.splitext(os.path.basename(args.scene))[0])
     make_folder(args.out)
     mi = backend.load(args.variant, args.threads)
     from . import picture
