@@ -134,8 +134,16 @@ static void load_direct(const lull_task *t, float *block, unsigned x, unsigned y
     lull_exec_direct(t, &row, block, x, y - t->base_row, n);
 }
 
-/* 1 if in the run of pixels of row y that begins at column x none whose albedo is black has light:
- * these show nothing. */
+/* 1 if of n pixels none whose albedo is black has light: these show nothing. */
+static int shows_nothing(const float *albedo, const float *light, float scale, unsigned n)
+{
+    for (unsigned i = 0; i < 3 * n; i += 3)
+        if (lull_is_black(albedo + i, 1.0f) && !lull_is_black(light + i, scale))
+            return 0;
+    return 1;
+}
+
+/* The same of the run of pixels of row y that begins at column x. */
 static int is_empty_run(const lull_task *t, unsigned x, unsigned y)
 {
     const unsigned width = t->plan->frame.width, n = lull_min_u(LULL_EMPTY_RUN, width - x);
@@ -143,30 +151,34 @@ static int is_empty_run(const lull_task *t, unsigned x, unsigned y)
 
     lull_image_load(albedo, &t->images->albedo, width, x, y, n);
     lull_image_load(light, &t->images->color, width, x, y, n);
-    for (unsigned i = 0; i < n; i++)
-        if (lull_is_black(albedo + 3 * i, 1.0f) && !lull_is_black(light + 3 * i, t->plan->scale))
-            return 0;
-    return 1;
+    return shows_nothing(albedo, light, t->plan->scale, n);
 }
 
 /* n pixels of the albedo with LULL_EMPTY_ALBEDO for those that show nothing, then in `block`. */
 static const float *mark_empty(const float *albedo, const lull_task *t, float *block, unsigned x,
                                unsigned y, unsigned n)
 {
-    unsigned known = 0; /* the run's number, from 1 on, of which is_empty is known */
-    int is_empty = 0;
+    const float *light = lull_image_floats(&t->images->color, t->plan->frame.width, x, y);
+    unsigned last;
 
-    for (unsigned i = 0; i < n; i++) {
-        const unsigned run = (x + i) / LULL_EMPTY_RUN;
-        if (!lull_is_black(albedo + 3 * (size_t)i, 1.0f))
+    for (unsigned i = 0; i < n; i = last) {
+        unsigned first = i - (x + i) % LULL_EMPTY_RUN, black = i; /* wraps before the block */
+        last = lull_min_u(first + LULL_EMPTY_RUN, n);
+        while (black < last && !lull_is_black(albedo + 3 * (size_t)black, 1.0f))
+            black++;
+        if (black == last)
             continue;
-        if (known != run + 1)
-            is_empty = is_empty_run(t, run * LULL_EMPTY_RUN, y);
-        known = run + 1;
-        if (is_empty && albedo != block)
+        if (light && first == i && last - i == LULL_EMPTY_RUN
+                ? !shows_nothing(albedo + 3 * (size_t)i, light + 3 * (size_t)i, t->plan->scale,
+                                 LULL_EMPTY_RUN)
+                : !is_empty_run(t, x + first, y))
+            continue;
+        if (albedo != block)
             albedo = memcpy(block, albedo, 3 * (size_t)n * sizeof *block);
-        for (unsigned c = 0; is_empty && c < 3; c++)
-            block[3 * (size_t)i + c] = LULL_EMPTY_ALBEDO;
+        for (; black < last; black++)
+            if (lull_is_black(albedo + 3 * (size_t)black, 1.0f))
+                for (unsigned c = 0; c < 3; c++)
+                    block[3 * (size_t)black + c] = LULL_EMPTY_ALBEDO;
     }
     return albedo;
 }

@@ -82,12 +82,13 @@ LULL_INLINE uint8_t lull_normal_code(float n)
 #define LULL_EMPTY_ALBEDO 0.1f /* of pixels that show nothing */
 #define LULL_EMPTY_RUN 4u      /* pixels of a row that say together whether they do */
 
-/* 1 if a pixel's sanitised values are 0, all three. */
+/* 1 if a pixel's values are 0 once sanitised (lull_sane), all three. */
 LULL_INLINE int lull_is_black(const float *v, float scale)
 {
-    return !(lull_sane(v[0], scale, 0.0f, 1.0f) > 0.0f ||
-             lull_sane(v[1], scale, 0.0f, 1.0f) > 0.0f ||
-             lull_sane(v[2], scale, 0.0f, 1.0f) > 0.0f);
+    for (int c = 0; c < 3; c++)
+        if (v[c] >= 1.17549435e-38f && v[c] * scale > 1.17549435e-38f)
+            return 0;
+    return 1;
 }
 
 /* Sanitises the albedo of a pixel; where there is none, it is white. */
