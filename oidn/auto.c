@@ -95,8 +95,7 @@ static bool add_rung(lull_ladder *ladder, OIDNFilter filter, OIDNQuality quality
     lull_frame own = *frame;
     size_t bytes;
 
-    if (!lull_builtin_select(filter->device, &own, filter->values[lull_value_clean_aux].i != 0,
-                             quality, &model, &bytes, fault))
+    if (!lull_builtin_select(filter->device, &own, quality, &model, &bytes, fault))
         return false;
     if (model == largest || own.features != frame->features ||
         own.trained_for != frame->trained_for ||

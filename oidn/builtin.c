@@ -78,7 +78,7 @@ static unsigned usable_features(const builtin *b, unsigned features)
 
 /* How well a model suits, by what matters most: images used, then content, then the state of the
  * auxiliary images, then quality, then whether it is for just these images. 0: not at all. */
-static unsigned rate(const builtin *b, const lull_frame *frame, bool clean_aux, unsigned quality)
+static unsigned rate(const builtin *b, const lull_frame *frame, unsigned quality)
 {
     const unsigned used = usable_features(b, frame->features);
     unsigned score = 0;
@@ -90,7 +90,7 @@ static unsigned rate(const builtin *b, const lull_frame *frame, bool clean_aux, 
         score += 200;
     else if (b->contents & HDR)
         score += 100; /* the next best for everything */
-    if (b->clean_aux & (clean_aux ? CLEAN_AUX : NOISY_AUX))
+    if (b->clean_aux & (frame->clean_aux ? CLEAN_AUX : NOISY_AUX))
         score += 20;
     if (b->qualities & quality)
         score += 10;
@@ -101,7 +101,7 @@ static unsigned rate(const builtin *b, const lull_frame *frame, bool clean_aux, 
     return score;
 }
 
-bool lull_builtin_select(OIDNDevice device, lull_frame *frame, bool clean_aux, OIDNQuality quality,
+bool lull_builtin_select(OIDNDevice device, lull_frame *frame, OIDNQuality quality,
                          const lull_model **model, size_t *bytes, lull_fault *fault)
 {
     const unsigned bit = quality == OIDN_QUALITY_FAST       ? FAST
@@ -111,7 +111,7 @@ bool lull_builtin_select(OIDNDevice device, lull_frame *frame, bool clean_aux, O
     lull_weights *weights;
 
     for (i = 0; i + 1 < BUILTIN_ROWS; i++) {
-        const unsigned score = rate(&builtins[i], frame, clean_aux, bit);
+        const unsigned score = rate(&builtins[i], frame, bit);
 
         if (score > best_score) {
             best_score = score;

@@ -145,7 +145,6 @@ static bool find_pictures(lull_pictures *pictures, OIDNFilter filter, lull_frame
         return lull_fail(fault, OIDN_ERROR_OUT_OF_MEMORY, "out of memory: pictures of %llu pixels",
                          (unsigned long long)pixels);
     pictures->orientations = (unsigned)n;
-    frame->clean_aux = filter->values[lull_value_clean_aux].i != 0;
     frame->in_place = find_overlap(filter, frame, &staged);
     if (n > 1) {
         staged = frame->in_place || output->format >= OIDN_FORMAT_HALF;
@@ -420,8 +419,6 @@ static void print_summary(OIDNFilter filter, size_t model_bytes)
 static bool choose_model(OIDNFilter filter, lull_frame *frame, const lull_model **model,
                          size_t *bytes, lull_fault *fault)
 {
-    const lull_value *values = filter->values;
-
     if (filter->weights_dirty) {
         lull_filter_free_plan(filter);
         lull_weights_free(&filter->weights);
@@ -436,8 +433,9 @@ static bool choose_model(OIDNFilter filter, lull_frame *frame, const lull_model 
         *bytes = filter->weights.bytes;
         return true;
     }
-    return lull_builtin_select(filter->device, frame, values[lull_value_clean_aux].i != 0,
-                               (OIDNQuality)values[lull_value_quality].i, model, bytes, fault);
+    return lull_builtin_select(filter->device, frame,
+                               (OIDNQuality)filter->values[lull_value_quality].i, model, bytes,
+                               fault);
 }
 
 /* Everything but waiting. Sets *busy and does nothing more if the plan would have to change while
@@ -463,6 +461,7 @@ static bool prepare(OIDNFilter filter, bool may_change, bool *busy, lull_fault *
     frame = lull_frame_default((unsigned)output->width, (unsigned)output->height,
                                content_of(filter), features);
     frame.threads = lull_pool_size(filter->device->pool);
+    frame.clean_aux = filter->values[lull_value_clean_aux].i != 0;
     if (!choose_model(filter, &frame, &model, &model_bytes, fault))
         return false;
     if (!find_pictures(&pictures, filter, &frame, fault))

@@ -404,7 +404,7 @@ void lull_filter_free_plan(OIDNFilter filter);
 /* A built-in model for the frame: loads it into the device's cache, tells its size unpacked, and
  * takes from frame->features the images that it cannot use. Quality `auto` has the model of high
  * quality. INVALID_OPERATION if there is none (builtin.c). */
-bool lull_builtin_select(OIDNDevice device, lull_frame *frame, bool clean_aux, OIDNQuality quality,
+bool lull_builtin_select(OIDNDevice device, lull_frame *frame, OIDNQuality quality,
                          const lull_model **model, size_t *bytes, lull_fault *fault);
 
 /* The models that `auto` chooses from for a frame whose largest model is `model`: loads the others,
