@@ -32,17 +32,21 @@ QUALITIES = ("fast", "balanced", "high")
 TAKEN = re.compile(r"^  quality=(\w+)$", re.MULTILINE)
 
 
+def built_in() -> dict[str, str]:
+    """Files in weights/ by quality, those that are built in for a colour."""
+    text = (manifest.FOLDER / "builtin.def").read_text()
+    found = {quality.lower(): file for file, quality in re.findall(
+        r'^BUILTIN\(\w+, "([^"]+)"[^)]*ANY_FEATURES[^)]*?(\w+)\)$', text, re.MULTILINE)}
+    return {quality: found[quality] for quality in QUALITIES}
+
+
 @functools.cache
 def multiply_adds() -> dict[str, float]:
     """Thousands per pixel that the built-in model of each quality takes for a colour, from
     weights/MANIFEST."""
-    text = (manifest.FOLDER / "builtin.def").read_text()
     nets = {row["file"]: row["net"] for row in manifest.read(manifest.FOLDER / "MANIFEST")}
-    found = {}
-    for file, quality in re.findall(r'^BUILTIN\(\w+, "([^"]+)"[^)]*ANY_FEATURES[^)]*?(\w+)\)$',
-                                    text, re.MULTILINE):
-        found[quality.lower()] = float(re.search(r"([\d.]+) kMAC/px", nets[file])[1])
-    return {quality: found[quality] for quality in QUALITIES}
+    return {quality: float(re.search(r"([\d.]+) kMAC/px", nets[file])[1])
+            for quality, file in built_in().items()}
 
 
 def enlarge(image: np.ndarray, size: int) -> np.ndarray:

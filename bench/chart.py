@@ -25,7 +25,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bench import oidn, pictures, speed
+from bench import auto, oidn, pictures, speed
 from bench.bilateral import joint_bilateral
 from bench.svg import Point, chart
 from export import manifest
@@ -42,10 +42,6 @@ NAMES = ("psnr", "ssim", "flip", "relmse")
 DOCS = oidn.ROOT / "docs"
 
 
-# Built-in models of colour with features, by quality.
-BUILT_IN = {"fast": "kernel5_8.tza", "balanced": "kernel5_12.tza", "high": "kernel5_32.tza"}
-
-
 @dataclass
 class PictureSet:
     """One set of pictures that means are taken over."""
@@ -54,11 +50,9 @@ class PictureSet:
     cases: list[Case]
 
     def counts(self) -> list[int]:
-        """Samples per pixel, those that are stated."""
-        return sorted({c.source.spp for c in self.cases if c.source.spp})
-
-    def are_counted(self) -> bool:
-        return all(c.source.spp for c in self.cases)
+        """Samples per pixel; none if some pictures do not state them."""
+        found = {c.source.spp for c in self.cases}
+        return sorted(found) if all(found) else []
 
 
 @dataclass
@@ -86,7 +80,7 @@ def in_floats(path: Path) -> Denoiser:
 def methods(folder: Path) -> list[Method]:
     """Everything that is compared."""
     found = [Method("noisy", "input"), Method("joint bilateral", "classic")]
-    for quality, file in BUILT_IN.items():
+    for quality, file in auto.built_in().items():
         found.append(Method(f"OIDN {quality}", "oidn",
                             speed.Entry("", oidn.theirs(), ("-q", quality))))
         path = manifest.FOLDER / file
@@ -119,16 +113,15 @@ def find_sets(folders: list[str], held_out: list[str]) -> list[PictureSet]:
     found = []
     for text in folders:
         name, folder = named(text)
-        found.append(PictureSet(name, find_cases(Path(folder))))
+        found.append(PictureSet(name or Path(folder).name, find_cases(Path(folder))))
     for text in held_out:
         name, rest = named(text)
         folder, count = parse_held_out(rest)
-        found.append(PictureSet(name.rpartition(":")[0] or name,
-                              held_out_cases(folder, count, FEATURES)))
+        found.append(PictureSet(name or folder.name, held_out_cases(folder, count, FEATURES)))
     for group in found:
         group.cases = [c for c in group.cases if has_features(c.source, FEATURES)]
         if not group.cases:
-            raise ToolError(f"{group.name}: no picture with a reference, albedo and normal", 1)
+            raise ToolError(f"{group.name}: no picture with a reference, albedo and normal")
     return found
 
 
@@ -138,9 +131,9 @@ def relative_mse(image: np.ndarray, reference: np.ndarray) -> float:
 
 
 def named(text: str) -> tuple[str, str]:
-    """[NAME=]REST; the name is the last folder's where none is given."""
-    name, equals, rest = text.rpartition("=")
-    return (name, rest) if equals else (Path(rest).name, rest)
+    """NAME and REST of [NAME=]REST."""
+    name, _, rest = text.rpartition("=")
+    return name, rest
 
 
 def score(method: Method, case: Case, images: dict[str, np.ndarray], target: np.ndarray,
@@ -182,7 +175,7 @@ def measure_speed(found: list[Method], folder: Path, width: int, height: int, ro
 
 def set_table(found: list[Method], group: PictureSet) -> list[str]:
     """Means over one set, best last, and PSNR by samples per pixel."""
-    counts = group.counts() if group.are_counted() else []
+    counts = group.counts()
     of = {n: [c for c in group.cases if c.source.spp == n] for n in counts}
     lines = [f"## {group.name}", "",
              f"{len(group.cases)} pictures" +

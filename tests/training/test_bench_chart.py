@@ -10,7 +10,7 @@ from training.errors import ToolError
 
 def few(folder):
     """Our own programs in the place of all others: OIDN may not be installed here."""
-    path = chart.manifest.FOLDER / chart.BUILT_IN["fast"]
+    path = chart.manifest.FOLDER / chart.auto.built_in()["fast"]
     return [chart.Method("noisy", "input"),
             chart.Method("OIDN balanced", "oidn", speed.Entry("", oidn.ours(), ("-q", "high"))),
             chart.Method("lull fast", "lull", speed.Entry("", oidn.ours(), ("-q", "fast")),
