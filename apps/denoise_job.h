@@ -7,7 +7,6 @@
 /* A further layer of the colour's file, --pass or --part. */
 typedef struct denoise_pass {
     image img; /* the layer, later its result */
-    device_image view;
     double msec; /* that it took */
     int is_alpha;
     int is_bare; /* has nothing of the colours of surfaces: their albedo is left out */

@@ -195,13 +195,13 @@ void denoise_set_defaults(S *s)
     s->strength = 1;
 }
 
-/* How many outputs hold what is read from layers. */
-static int layered_outputs(const S *s)
+/* 1 if an output holds layers: those are the formats whose colours are multiplied by alpha. */
+static int has_layered_output(const S *s)
 {
-    int count = 0;
     for (int i = 0; i < s->output_count; i++)
-        count += image_path_alpha(s->outputs[i]) == IMAGE_MULTIPLIED;
-    return count;
+        if (image_path_alpha(s->outputs[i]) == IMAGE_MULTIPLIED)
+            return 1;
+    return 0;
 }
 
 /* Combinations that no filter could make sense of. */
@@ -248,7 +248,7 @@ static exit_code validate(const S *s)
     if (s->part_count && s->runs > 1)
         return report_error(EXIT_USAGE,
                             "--part does not go with -n: each is denoised in its place");
-    if (s->pass_count && s->output_count && !layered_outputs(s))
+    if (s->pass_count && s->output_count && !has_layered_output(s))
         return report_error(EXIT_USAGE,
                             "--pass and --part: '%s' holds no layers, an .exr file does",
                             s->outputs[0]);

@@ -14,10 +14,8 @@
 
 void denoise_passes_free(frame_job *job)
 {
-    for (int i = 0; i < MAX_PASSES; i++) {
-        device_image_free(&job->passes[i].view);
+    for (int i = 0; i < MAX_PASSES; i++)
         image_destroy(&job->passes[i].img);
-    }
 }
 
 /* ---- Loading --------------------------------------------------------------------------------- */
@@ -133,14 +131,14 @@ exit_code denoise_passes_load(frame_job *job)
 /* ---- Denoising ------------------------------------------------------------------------------- */
 
 /* Sets the images of a pass, which its result replaces, and commits. */
-static exit_code configure(frame_job *job, denoise_pass *pass)
+static exit_code configure(frame_job *job, const denoise_pass *pass, const device_image *view)
 {
     OIDNFilter filter = job->session->filter;
     const int has_albedo = job->inputs.images[IMAGE_ALBEDO].pixels && !pass->is_bare;
     const int has_normal = job->inputs.images[IMAGE_NORMAL].pixels != NULL;
 
-    device_image_set(&pass->view, filter, "color");
-    device_image_set(&pass->view, filter, "output");
+    device_image_set(view, filter, "color");
+    device_image_set(view, filter, "output");
     if (has_albedo)
         device_image_set(&job->views[IMAGE_ALBEDO], filter, "albedo");
     else
@@ -166,6 +164,7 @@ static void clamp_to_one(image *img)
 static exit_code run_pass(frame_job *job, denoise_pass *pass)
 {
     const denoise_settings *s = job->settings;
+    device_image view = {0};
     image noisy = {0};
     image_error error;
     exit_code code = EXIT_OK;
@@ -176,23 +175,23 @@ static exit_code run_pass(frame_job *job, denoise_pass *pass)
             return report_error(EXIT_DENOISE, "%s: %s", job->inputs.paths[IMAGE_COLOR], error.text);
         memcpy(noisy.pixels, pass->img.pixels, image_bytes(&noisy));
     }
-    if (device_image_init(&pass->view, job->session->device, &pass->img,
+    if (device_image_init(&view, job->session->device, &pass->img,
                           (device_storage)s->storage))
         code = denoise_device_error(job, 0);
     if (!code) {
-        device_image_upload(&pass->view);
-        code = configure(job, pass);
+        device_image_upload(&view);
+        code = configure(job, pass, &view);
     }
     if (!code)
         code = denoise_run_filter(job, job->session->filter);
     if (!code) {
-        device_image_download(&pass->view);
+        device_image_download(&view);
         if (noisy.pixels)
             denoise_weaken(&pass->img, &noisy, s->strength);
         if (pass->is_alpha)
             clamp_to_one(&pass->img);
     }
-    device_image_free(&pass->view);
+    device_image_free(&view);
     image_destroy(&noisy);
     return code;
 }

@@ -355,7 +355,7 @@ static exr_result_t copy_part(keeper *k, int part)
     return result;
 }
 
-/* ---- Changed parts ------------------------------------------------------------------------ */
+/* ---- Changed parts --------------------------------------------------------------------------- */
 
 /* Writes the images' pixels of a chunk into the planes of the channels that they replace. */
 static exr_result_t replace_planes(const keeper *k, exr_decoder *decoder)
