@@ -117,8 +117,9 @@ def run_training(settings: Settings, team: parallel.Team, result: Result) -> Non
         if added:
             say(f"Channels that {settings.init} lacks: {', '.join(added)}")
     freeze(model, settings)
-    params = [p for p in model.parameters() if p.requires_grad]
-    ema = [p.detach().clone() for p in model.parameters()] if settings.ema > 0 else []
+    weights = list(model.parameters())
+    params = [p for p in weights if p.requires_grad]
+    ema = [p.detach().clone() for p in weights] if settings.ema > 0 else []
     optimizer = Optimizer(params, settings.learning_rate, settings.optimizer,
                           as_graph=parallel.uses_graphs(settings, team))
     loss_of = loss_of_settings(settings)
@@ -227,7 +228,7 @@ def run_training(settings: Settings, team: parallel.Team, result: Result) -> Non
             channels.watch()
             if ema:
                 decay = min(settings.ema, (step + 1) / (step + 10))
-                torch._foreach_lerp_(ema, [p.detach() for p in model.parameters()], 1 - decay)
+                torch._foreach_lerp_(ema, [p.detach() for p in weights], 1 - decay)
             step += 1
             ending = at_end()
             loss_sum += loss.detach()
