@@ -3,10 +3,10 @@
 
     python -m export.bilateral IN.tza OUT.tza
 
-The filter's steps 6 to 8, averages along edges and some of the input in 9, and the grain of the
-albedo, which goes before the network (docs/kernel-prediction.md), have no trained weights: a file
-asks for them by the tensor `bilateral.scale`, a single 3, or 1 for 6, 8 and 9, or 2 for 6 and 9. IN
-and OUT: .tza, integer; they may be the same.
+The filter's steps 6 to 8, averages along edges and some of the input in 9, and the grain of albedo
+and normals, which goes before the network (docs/kernel-prediction.md), have no trained weights: a
+file asks for them by the tensor `bilateral.scale`, a single 3, or 1 for 6, 8 and 9, or 2 for 6 and
+9. IN and OUT: .tza, integer; they may be the same.
 """
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def main(argv: list[str]) -> None:
     parser.add_argument("output", type=Path)
     which = parser.add_mutually_exclusive_group()
     which.add_argument("--correct", action="store_true",
-                       help="without regression (step 7), and the grain of the albedo stays")
+                       help="without regression (step 7), and the grain of features stays")
     which.add_argument("--smooth", action="store_true",
                        help="the same without correction (step 8)")
     which.add_argument("--off", action="store_true", help="no longer")

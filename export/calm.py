@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from export.smooth import ramp
+from export.smooth import EPS, ramp, shares
 
 F = np.float32
 SIDE = 4                   # differences a side of a cell, of one pixel more
@@ -71,10 +71,16 @@ def share_of(part: np.ndarray, whole: np.ndarray) -> np.float32:
 
 
 def calm_share(radiance: np.ndarray) -> np.float32:
-    """Share of calm cells of exposed radiance [H,W,3], float32 in [0, 1]; less, or 0, if many of
-    the rough ones are noise."""
+    """Share of calm cells of exposed radiance [H,W,3], demodulated where there is an albedo (its
+    texture is no detail then), float32 in [0, 1]; less, or 0, if many of the rough ones are
+    noise."""
     detail, base, is_noise = details_of(radiance)
     counts = detail >= base * LEAST_DETAIL
     calm = counts & (detail < base * MOST_DETAIL)
     rough = counts & ~calm & (detail < base * WILD_DETAIL)
     return share_of(calm, counts) * ramp(share_of(rough & is_noise, rough), *NOT_CALM)
+
+
+def frame_calm(radiance: np.ndarray, albedo: np.ndarray | None) -> np.float32:
+    """How calm a picture is, by its exposed radiance and the albedo as it came, [H,W,3]."""
+    return calm_share(radiance if albedo is None else radiance * shares(albedo + EPS))

@@ -1,9 +1,9 @@
-"""Grain of the albedo in numpy, docs/kernel-prediction.md, to the bit: where the albedo is noise
+"""Grain of albedo and normals in numpy, docs/kernel-prediction.md, to the bit: where one is noise
 from pixel to pixel, means of a wide window stand for it.
 
-At few samples a texture finer than pixels, or a surface that now shows one of its lobes and now the
-other, is noise that no 5x5 kernel takes away. It has no correlation between neighbours; edges and
-textures that pixels resolve have.
+At few samples a texture finer than pixels, a surface that now shows one of its lobes and now the
+other, or fog before it, is noise that no 5x5 kernel takes away. It has no correlation between
+neighbours; edges and textures that pixels resolve have.
 """
 from __future__ import annotations
 
@@ -20,17 +20,19 @@ PAIRS = F(4 / 7), F(32 / 49)            # half of a square by pixels, for 7 of 8
 WHITE = F(0.7)                          # of steps by the variance: from here on ...
 AROUND, OWN = F(5), F(4)                # ... to 0.9 of cells around, to 0.95 of one alone
 FLAT, MOST_VARIANCE = F(16), F(1 / 2048)
+MOST_OF_NORMAL = F(1 / 64)              # of normals, and more of the albedo where these have grain
 PER_CODE = F(1 / 255)
 
 
 def brightness(codes: np.ndarray) -> np.ndarray:
-    """L, int32 [H,W], of the albedo in a K model's input codes [H,W,12]."""
-    r, g, b = np.moveaxis(codes[..., 3:6].astype(np.int32), -1, 0)
+    """L, int32 [H,W], of a feature's codes [H,W,3]."""
+    r, g, b = np.moveaxis(codes.astype(np.int32), -1, 0)
     return (r + 2 * g + b) >> 2
 
 
 def products(codes: np.ndarray) -> np.ndarray:
-    """What every pixel adds to the sums of its cell, float32 [SUMS,H,W]."""
+    """What every pixel of a feature's codes [H,W,3] adds to the sums of its cell, float32
+    [SUMS,H,W]."""
     light = brightness(codes)
     h, w = light.shape
     y, x = np.mgrid[:h, :w]
@@ -41,11 +43,12 @@ def products(codes: np.ndarray) -> np.ndarray:
         there = light[np.minimum(y + dy, h - 1), np.clip(x + dx, 0, w - 1)]
         squares.append((there - light) ** 2 * inside)
     return np.stack((np.ones_like(light), light, light * light,
-                     *np.moveaxis(codes[..., 3:6].astype(np.int32), -1, 0), *squares)).astype(F)
+                     *np.moveaxis(codes.astype(np.int32), -1, 0), *squares)).astype(F)
 
 
-def shares(sums: np.ndarray, gain: np.float32) -> tuple[np.ndarray, np.ndarray]:
-    """Sums [SUMS,H,W] -> how much of the mean stands for the albedo, [H,W], and it, [3,H,W]."""
+def shares(sums: np.ndarray, gain: np.float32, most: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Sums [SUMS,H,W] -> how much of the mean stands for the feature, [H,W], and it, [3,H,W], in
+    [0, 1]; most: by the variance, one number or [H,W]."""
     m = F(1) / sums[0]
     mean = sums[1] * m
     variance = sums[2] * m - mean * mean
@@ -53,15 +56,15 @@ def shares(sums: np.ndarray, gain: np.float32) -> tuple[np.ndarray, np.ndarray]:
     steps = np.minimum(straight * PAIRS[0], diagonal * PAIRS[1])
     white = (steps * m) * (F(1) / np.maximum(variance, FLAT))
     share = np.clip((white - WHITE) * gain, F(0), F(1))
-    share = share * np.clip((variance - FLAT) * MOST_VARIANCE, F(0), F(1))
+    share = share * np.clip((variance - FLAT) * most, F(0), F(1))
     return share, np.minimum((sums[3:6] * m) * PER_CODE, F(1))
 
 
-def cell_grain(sums: np.ndarray) -> np.ndarray:
+def cell_grain(sums: np.ndarray, most: np.ndarray) -> np.ndarray:
     """Sums of cells [SUMS,H,W] -> share and mean, [4,H,W]: by the cells around each, and where they
-    hold an edge by itself."""
-    share, mean = shares(windows(sums), AROUND)
-    own, own_mean = shares(sums, OWN)
+    hold an edge by itself. most: of `shares`."""
+    share, mean = shares(windows(sums), AROUND, most)
+    own, own_mean = shares(sums, OWN, most)
     own = (F(1) - share) * own
     whole = share + own
     part = own * np.divide(F(1), whole, out=np.zeros_like(whole), where=whole > 0)
@@ -69,8 +72,19 @@ def cell_grain(sums: np.ndarray) -> np.ndarray:
     return np.concatenate((whole[None], mean + part * (own_mean - mean)))
 
 
-def without_grain(albedo: np.ndarray, codes: np.ndarray) -> np.ndarray:
-    """The albedo [H,W,3] (in [0,1], black is white) less its grain; codes: of the input with it."""
-    cells = cell_grain(cell_sums(products(codes), SIDE))
-    share, *mean = between_cells(cells, albedo.shape[:2], SIDE)
-    return albedo + share[..., None] * (np.stack(mean, -1) - albedo)
+def without_grain(albedo: np.ndarray | None, normal: np.ndarray | None,
+                  codes: np.ndarray) -> tuple[np.ndarray | None, np.ndarray | None]:
+    """Albedo (in [0,1], black is white) and normals (in [-1,1]), [H,W,3] or absent, less their
+    grain; codes: of the input with it, [H,W,12]."""
+    most = MOST_VARIANCE
+    shape = codes.shape[:2]
+    if normal is not None:
+        cells = cell_grain(cell_sums(products(codes[..., 6:9]), SIDE), MOST_OF_NORMAL)
+        most = MOST_VARIANCE + cells[0] * MOST_OF_NORMAL
+        share, *mean = between_cells(cells, shape, SIDE)
+        normal = normal + share[..., None] * ((np.stack(mean, -1) * F(2) - F(1)) - normal)
+    if albedo is not None:
+        cells = cell_grain(cell_sums(products(codes[..., 3:6]), SIDE), most)
+        share, *mean = between_cells(cells, shape, SIDE)
+        albedo = albedo + share[..., None] * (np.stack(mean, -1) - albedo)
+    return albedo, normal

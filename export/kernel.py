@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from export import pixels
-from export.calm import calm_share
+from export.calm import frame_calm
 from export.edges import averaged, ragged
 from export.grain import without_grain
 from export.graph import ALIGN, Layer, ModelError, Net, read_heads, read_nets
@@ -249,10 +249,10 @@ def padded(codes: np.ndarray) -> np.ndarray:
 def apply_filter(heads: list[np.ndarray], radiance: np.ndarray, albedo: np.ndarray | None,
                  normal: np.ndarray | None = None, guide: np.ndarray | None = None,
                  bilateral: int = 0, clipped: bool = False,
-                 raggedness: float = 0.0, calm: float | None = None) -> np.ndarray:
+                 raggedness: float = 0.0, calm: float = 0.0) -> np.ndarray:
     """Filtered radiance [H,W,3]. heads: codes by level, of the padded size; bilateral: a value of
     BILATERAL or 0; guide: of guide_of, if it is not 0; clipped: the radiance was, so that it lacks
-    light itself; raggedness: of export.edges; calm: of export.smooth.mixed, None: measured."""
+    light itself; raggedness: of export.edges; calm: of export.smooth.mixed."""
     table = weight_table()
     smooth = np.ones_like(radiance)
     if albedo is not None:
@@ -284,7 +284,7 @@ def apply_filter(heads: list[np.ndarray], radiance: np.ndarray, albedo: np.ndarr
         result = averaged(np.fmax(out * smooth, F(0)), F(raggedness))
         result = pixels.sanitize(result, 1.0, 0.0, pixels.MAX)
         return mixed(result, noise, radiance, albedo is None and normal is None,
-                     calm_share(radiance) if calm is None else F(calm))
+                     F(calm))
     return out * smooth
 
 
@@ -328,14 +328,16 @@ def run_frame(model: IntTrunk, frame: pixels.Frame, channels: int = 3) -> np.nda
         aux["normal"] = F(2) * r - F(1)
     codes = encode(r, aux["albedo"], aux["normal"], not rule.is_hdr)
     guide = guide_of(codes)
-    raggedness = ragged(np.minimum(r, RADIANCE_MAX), aux["albedo"])
+    light, calm = np.minimum(r, RADIANCE_MAX), known_calm(frame.content, main)
+    raggedness = ragged(light, aux["albedo"])
+    calm = frame_calm(light, aux["albedo"]) if calm is None else calm
     steps = LAST_STEPS.get(model.bilateral)
-    if aux["albedo"] is not None and steps and steps.cleans:
-        aux["albedo"] = without_grain(aux["albedo"], codes)
+    if steps and steps.cleans:
+        aux["albedo"], aux["normal"] = without_grain(aux["albedo"], aux["normal"], codes)
         codes = encode(r, aux["albedo"], aux["normal"], not rule.is_hdr)
     maps = model.maps(padded(codes))
     v = apply_filter([maps[n] for n in model.net.heads], r, aux["albedo"], aux["normal"], guide,
-                     model.bilateral, not rule.is_hdr, raggedness, known_calm(frame.content, main))
+                     model.bilateral, not rule.is_hdr, raggedness, calm)
     v = pixels.sanitize(v, 1.0, 0.0, pixels.MAX)
     v = pixels.srgb_forward(v) if frame.content == "srgb" and not rule.is_signed else v
     return frame.stored(v, channels)

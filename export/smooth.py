@@ -29,10 +29,9 @@ LEAST_NOISE = F(2)               # above it the share of the input is less by th
 SHARE_PER_CODE, SHARE_PER_CODE_ALONE = F(0.125), F(0.0625)  # without features by that
 SPARK_CODES = F(64), F(0.015625) # of the pixel: from where on the share is less, by which slope
 MOST_SHARE = F(0.5)              # of the input
-CALM = F(0.08), F(12.5)          # calm shares, likewise: noise codes count less, by at most ...
-CALM_ALONE = F(0.05), F(14.285714)  # and without features
+CALM = F(0.14), F(12.5)          # calm shares, likewise: noise codes count less, by at most ...
 LESS_OF_CODES = F(0.75)
-MORE_CALM = F(0.12), F(12.5)     # and without features more of the input stays, at most
+CALM_ALONE = F(0.17), F(12.5)    # and without features, where more of the input stays, too, by ...
 MORE_SHARE = F(0.2)
 CALM_SPARKS = F(8), F(0.25)      # what the input has beyond the result, relative to it
 
@@ -192,12 +191,12 @@ def _around(runs: np.ndarray, beside: int) -> np.ndarray:
 def mixed(result: np.ndarray, noise: np.ndarray, radiance: np.ndarray,
           is_alone: bool, calm: np.float32) -> np.ndarray:
     """The exposed result [H,W,3] with some of the radiance where noise is little; noise and
-    radiance as of corrected, is_alone: without features, calm: calm_share of the radiance, or below
+    radiance as of corrected, is_alone: without features, calm: of export.calm.calm_share, or below
     0 for none of it."""
     if calm < 0:
         return result
-    most = MOST_SHARE + MORE_SHARE * ramp(calm, *MORE_CALM) if is_alone else MOST_SHARE
     calm = ramp(calm, *CALM_ALONE if is_alone else CALM)
+    most = MOST_SHARE + MORE_SHARE * calm if is_alone else MOST_SHARE
     per_code = SHARE_PER_CODE_ALONE if is_alone else SHARE_PER_CODE
     code = noise[..., 0].astype(F)
     runs = _runs(code)

@@ -109,13 +109,13 @@ void lull_exec_regress(const lull_task *t, unsigned x, unsigned y, unsigned n, u
 void lull_exec_edges(float *out, const lull_task *t, float unscale, unsigned x, unsigned y,
                      unsigned n);
 
-/* Before the network proper, grain of the albedo: sums, shares and means of cells [x, x+n) of row y
- * of cells; columns [x, x+n) of row y of the input without it. */
+/* Before the network proper, grain of the features: sums, shares and means of cells [x, x+n) of row
+ * y of cells; columns [x, x+n) of row y of the input without it. */
 void lull_exec_grain_sums(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker);
 void lull_exec_find_grain(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker);
 void lull_exec_encode(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker);
 
-/* Takes it out of n pixels of the tensor of the albedo, from column x of the strip on. */
+/* Takes it out of columns [x, x+n), of the strip, of the tensors of albedo and normal. */
 void lull_exec_clean(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker);
 
 /* Columns [x, x+n) of row y of the task's layer, if it is one of the filter. */
@@ -174,11 +174,13 @@ void lull_exec_radiance(lull_encoding *from, const lull_task *t, float *block, u
 /* The same, exposed and sanitised, in any case in `block`. */
 void lull_exec_sane(float *block, const lull_encoding *from, const lull_task *t, unsigned n);
 
-/* What is seen of rows 16 index to 16 index + 15 of the frame: cells that say something, those
- * among them with next to no noise, and with much, and of the rest those that are noise and not
- * texture; edges of the albedo, and sharp ones. */
+/* What is seen of rows 16 index to 16 index + 15 of the frame: of the light cells that say
+ * something, and those with much detail; of the light by the albedo cells that say something, those
+ * among them with next to no detail, those with some, and of these what is noise and not texture;
+ * edges of the albedo, and sharp ones. */
 typedef struct lull_calm_row {
-    uint16_t cells, calm, wild, noise; /* of a few thousand cells in the whole frame */
+    uint16_t lit, wild; /* of a few thousand cells in the whole frame */
+    uint16_t cells, calm, rough, noise;
     uint16_t edges, sharp;
 } lull_calm_row;
 void lull_exec_calm_row(lull_calm_row *row, const lull_task *t, unsigned index);

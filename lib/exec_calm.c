@@ -22,7 +22,7 @@ typedef char bins_fit[sizeof(lull_exposure_row) <= LULL_PLAN_BINS ? 1 : -1];
 #define LEAST_DETAIL 1.0f
 #define MOST_DETAIL 10.0f
 #define WILD_DETAIL 160.0f
-#define WILD 0.25f, 6.6666667f /* the part of cells with much: a ramp */
+#define WILD_SHARE 0.25f, 6.6666667f /* the part of cells with much: a ramp */
 
 /* Rough cells, neither calm nor wild, are noise if means of 2x2 pixels leave less of their detail;
  * and the part of them that is noise, up to which a frame may be calm: a ramp downwards. */
@@ -68,24 +68,35 @@ static float coarse_of(float d[SIDE][SIDE])
     return sum;
 }
 
-/* What a cell is, from its differences and the light summed over its pixels, of three channels. */
-static void add_cell(lull_calm_row *row, float d[SIDE][SIDE], float light)
+/* What a cell is. */
+typedef enum level {
+    SILENT, /* sky, lamps, what is clipped: it says nothing */
+    CALM,
+    ROUGH, /* detail that is none of the others' */
+    NOISE,
+    WILD
+} level;
+
+/* Of light, the sum of three channels, of SIDE + 1 pixels both ways. */
+static level level_of(float v[SIDE + 1][SIDE + 1])
 {
-    float sum = 0.0f, detail;
-    for (unsigned y = 0; y < SIDE; y++)
-        for (unsigned x = 0; x < SIDE; x++)
+    float d[SIDE][SIDE], sum = 0.0f, light = 0.0f, detail;
+    for (unsigned y = 0; y < SIDE; y++) {
+        for (unsigned x = 0; x < SIDE; x++) {
+            d[y][x] = (v[y][x] - v[y][x + 1]) - (v[y + 1][x] - v[y + 1][x + 1]);
             sum += lull_abs(d[y][x]);
+            light += v[y][x];
+        }
+    }
     detail = sum * DETAIL_GAIN;
     light += DETAIL_EPSILON;
     if (detail < light * LEAST_DETAIL)
-        return; /* sky, lamps, what is clipped: they say nothing */
-    row->cells++;
+        return SILENT;
     if (detail < light * MOST_DETAIL)
-        row->calm++;
-    else if (detail >= light * WILD_DETAIL)
-        row->wild++;
-    else if (coarse_of(d) < sum * COARSE)
-        row->noise++;
+        return CALM;
+    if (detail >= light * WILD_DETAIL)
+        return WILD;
+    return coarse_of(d) < sum * COARSE ? NOISE : ROUGH;
 }
 
 /* What five pixels of the albedo are, `step` apart. */
@@ -100,48 +111,70 @@ static void add_edge(lull_calm_row *row, const float *v, unsigned step)
         row->sharp++;
 }
 
-/* The edges of the cell at pixel (x, y). */
-static void look_at_albedo(lull_calm_row *row, const lull_task *t, unsigned x, unsigned y)
+/* Edges of sums of the albedo of SIDE + 1 pixels both ways. */
+static void add_edges(lull_calm_row *row, float v[SIDE + 1][SIDE + 1])
 {
-    float v[(SIDE + 1) * (SIDE + 1)], pixels[3 * (SIDE + 1)];
-    for (unsigned dy = 0; dy <= SIDE; dy++) {
-        const float *albedo = lull_exec_aux(t, 1, pixels, x, y + dy, SIDE + 1);
-        if (!albedo)
-            return;
-        for (unsigned i = 0; i <= SIDE; i++, albedo += 3) {
-            float a[3] = {albedo[0], albedo[1], albedo[2]};
-            lull_sane_albedo(a);
-            v[dy * (SIDE + 1) + i] = (a[0] + a[1]) + a[2];
-        }
-    }
     for (unsigned i = 0; i <= SIDE; i++) {
-        add_edge(row, v + i * (SIDE + 1), 1);
-        add_edge(row, v + i, SIDE + 1);
+        add_edge(row, v[i], 1);
+        add_edge(row, v[0] + i, SIDE + 1);
     }
+}
+
+/* Sums of the channels of a row of pixels, each times a factor if there are some. */
+static void add_channels(float *sums, const float *pixels, const float *factors)
+{
+    for (unsigned i = 0; i <= SIDE; i++, pixels += 3) {
+        float v[3] = {pixels[0], pixels[1], pixels[2]};
+        for (unsigned c = 0; factors && c < 3; c++)
+            v[c] *= factors[3 * i + c];
+        sums[i] = (v[0] + v[1]) + v[2];
+    }
+}
+
+/* Reads the cell at pixel (x, y): its light, and the albedo, by which the light is demodulated,
+ * too. Returns 0 if there is no albedo. */
+static int read_cell(float light[SIDE + 1][SIDE + 1], float even[SIDE + 1][SIDE + 1],
+                     float albedo[SIDE + 1][SIDE + 1], const lull_task *t, unsigned x, unsigned y)
+{
+    int has_albedo = 0;
+    for (unsigned dy = 0; dy <= SIDE; dy++) {
+        float pixels[3 * (SIDE + 1)], block[3 * (SIDE + 1)], a[3 * (SIDE + 1)];
+        const float *of_albedo = lull_exec_aux(t, 1, block, x, y + dy, SIDE + 1);
+        lull_encoding from;
+        lull_exec_main(&from, t, pixels, x, y + dy, SIDE + 1);
+        lull_exec_sane(pixels, &from, t, SIDE + 1);
+        add_channels(light[dy], pixels, NULL);
+        if (!of_albedo)
+            continue;
+        has_albedo = 1;
+        memcpy(a, of_albedo, sizeof a);
+        for (unsigned i = 0; i <= SIDE; i++)
+            lull_sane_albedo(a + 3 * i);
+        add_channels(albedo[dy], a, NULL);
+        for (unsigned i = 0; i <= SIDE; i++) {
+            for (unsigned c = 0; c < 3; c++)
+                a[3 * i + c] += LULL_FILTER_EPSILON;
+            lull_shares(a + 3 * i, 1.0f, 1.0f);
+        }
+        add_channels(even[dy], pixels, a);
+    }
+    return has_albedo;
 }
 
 /* The cell at pixel (x, y). */
 static void look_at(lull_calm_row *row, const lull_task *t, unsigned x, unsigned y)
 {
-    float above[SIDE] = {0}, d[SIDE][SIDE], light = 0.0f;
-    for (unsigned dy = 0; dy <= SIDE; dy++) {
-        float pixels[3 * (SIDE + 1)], v[SIDE + 1];
-        lull_encoding from;
-        lull_exec_main(&from, t, pixels, x, y + dy, SIDE + 1);
-        lull_exec_sane(pixels, &from, t, SIDE + 1);
-        for (unsigned i = 0; i <= SIDE; i++)
-            v[i] = (pixels[3 * i] + pixels[3 * i + 1]) + pixels[3 * i + 2];
-        for (unsigned i = 0; i < SIDE; i++) {
-            float across = v[i] - v[i + 1];
-            if (dy > 0)
-                d[dy - 1][i] = above[i] - across;
-            if (dy < SIDE)
-                light += v[i];
-            above[i] = across;
-        }
-    }
-    add_cell(row, d, light);
-    look_at_albedo(row, t, x, y);
+    float light[SIDE + 1][SIDE + 1], even[SIDE + 1][SIDE + 1], albedo[SIDE + 1][SIDE + 1];
+    int has_albedo = read_cell(light, even, albedo, t, x, y);
+    level of_light = level_of(light), of_even = has_albedo ? level_of(even) : of_light;
+    if (has_albedo)
+        add_edges(row, albedo);
+    row->lit = (uint16_t)(row->lit + (of_light != SILENT));
+    row->wild = (uint16_t)(row->wild + (of_light == WILD));
+    row->cells = (uint16_t)(row->cells + (of_even != SILENT));
+    row->calm = (uint16_t)(row->calm + (of_even == CALM));
+    row->noise = (uint16_t)(row->noise + (of_even == NOISE));
+    row->rough = (uint16_t)(row->rough + (of_even == NOISE || of_even == ROUGH));
 }
 
 void lull_exec_calm_row(lull_calm_row *row, const lull_task *t, unsigned index)
@@ -156,11 +189,13 @@ void lull_exec_calm_row(lull_calm_row *row, const lull_task *t, unsigned index)
 
 static lull_calm_row sum_of(const lull_calm_row *rows, unsigned n)
 {
-    lull_calm_row sum = {0, 0, 0, 0, 0, 0};
+    lull_calm_row sum = {0, 0, 0, 0, 0, 0, 0, 0};
     for (unsigned i = 0; i < n; i++) {
+        sum.lit = (uint16_t)(sum.lit + rows[i].lit);
+        sum.wild = (uint16_t)(sum.wild + rows[i].wild);
         sum.cells = (uint16_t)(sum.cells + rows[i].cells);
         sum.calm = (uint16_t)(sum.calm + rows[i].calm);
-        sum.wild = (uint16_t)(sum.wild + rows[i].wild);
+        sum.rough = (uint16_t)(sum.rough + rows[i].rough);
         sum.noise = (uint16_t)(sum.noise + rows[i].noise);
         sum.edges = (uint16_t)(sum.edges + rows[i].edges);
         sum.sharp = (uint16_t)(sum.sharp + rows[i].sharp);
@@ -176,13 +211,12 @@ static float share_of(unsigned part, unsigned whole)
 float lull_calm_share(const lull_calm_row *rows, unsigned n)
 {
     const lull_calm_row all = sum_of(rows, n);
-    unsigned rough = (unsigned)all.cells - all.calm - all.wild;
-    return share_of(all.calm, all.cells) * lull_ramp(share_of(all.noise, rough), NOT_CALM);
+    return share_of(all.calm, all.cells) * lull_ramp(share_of(all.noise, all.rough), NOT_CALM);
 }
 
 float lull_ragged_share(const lull_calm_row *rows, unsigned n)
 {
     const lull_calm_row all = sum_of(rows, n);
-    float wild = lull_ramp(share_of(all.wild, all.cells), WILD);
+    float wild = lull_ramp(share_of(all.wild, all.lit), WILD_SHARE);
     return all.edges < FEW ? wild : wild * lull_ramp(share_of(all.sharp, all.edges), SHARP);
 }

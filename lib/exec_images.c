@@ -346,8 +346,7 @@ void lull_exec_spread(void *context, unsigned index, unsigned worker)
             normal = lull_exec_aux(t, 2, block + 3 * LULL_BLOCK, x, y - t->base_row, n);
         load_aux(t, albedo, normal, x, y, n);
     }
-    if (plan->model->graph.before && y < plan->frame.height && part.left < right &&
-        lull_plan_has(plan, LULL_TENSOR_ALBEDO))
+    if (plan->model->graph.before && y < plan->frame.height && part.left < right)
         lull_exec_clean(t, part.left - t->left, y, right - part.left, worker);
 }
 

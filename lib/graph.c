@@ -60,8 +60,8 @@ static const struct filter_row {
     [LULL_OP_RESIDUAL] = {LULL_CELL_SUMS, {LULL_READS_CELL, LULL_READS_CELL}},
     [LULL_OP_GAINS] = {1, {LULL_READS_6}},
     [LULL_OP_CORRECT] = {3, {LULL_READS_ROW, LULL_READS_16TH}},
-    [LULL_OP_GRAIN_SUMS] = {LULL_GRAIN_SUMS, {LULL_READS_8}},
-    [LULL_OP_GRAIN] = {4, {LULL_READS_3}},
+    [LULL_OP_GRAIN_SUMS] = {LULL_GRAINY * LULL_GRAIN_SUMS, {LULL_READS_8}},
+    [LULL_OP_GRAIN] = {LULL_GRAINY * LULL_GRAIN_VALUES, {LULL_READS_3}},
     [LULL_OP_ENCODE] = {K_INPUTS, {LULL_READS_ROW, LULL_READS_ROW, LULL_READS_EIGHTH}},
 };
 
@@ -486,7 +486,7 @@ static lull_status add_net(lull_graph *graph, const net_row *net, const lull_tza
     return status;
 }
 
-/* What takes grain out of the albedo; the input of the network that follows. */
+/* What takes grain out of albedo and normals; the input of the network that follows. */
 static void add_grain(lull_graph *graph)
 {
     unsigned v = add_filter(graph, LULL_OP_GRAIN_SUMS, LULL_GRAIN_LEVEL, LULL_TENSOR_INPUT, NONE,

@@ -58,8 +58,9 @@ typedef enum lull_op {
     LULL_OP_RESIDUAL,  /* result, radiance: sums over the pixels of a cell of 16x16 */
     LULL_OP_GAINS,     /* them: what the result lacks in the cell */
     LULL_OP_CORRECT,   /* result, gains: result */
-    LULL_OP_GRAIN_SUMS, /* input: sums over the pixels of a cell of 8x8, of the albedo's codes */
-    LULL_OP_GRAIN,     /* them: how much of the albedo's mean stands for it, and the mean */
+    LULL_OP_GRAIN_SUMS, /* input: sums over the pixels of a cell of 8x8, of codes of the albedo and
+                         * of normals */
+    LULL_OP_GRAIN,     /* them: of each how much of its mean stands for it, and the mean */
     LULL_OP_ENCODE,    /* input, radiance, grain: the input without it, in the input's memory */
     LULL_OPS
 } lull_op;
@@ -105,7 +106,7 @@ typedef struct lull_graph {
     int is_integer;   /* int8 weights; docs/arithmetic.md */
     unsigned inputs;  /* channels of the network's input, and ... */
     unsigned aux;     /* ... how many of them, the last ones, are LULL_TENSOR_AUX */
-    unsigned before;  /* layers that take grain out of the albedo, before all others; 0: none */
+    unsigned before;  /* layers that take grain out of the features, before all others; 0: none */
     uint8_t input;    /* the tensor that the network proper sees */
     int is_alone;     /* family K: for an albedo or normals alone, which stand for normals, too */
     unsigned levels;  /* number of 2x poolings: sizes are multiples of 1 << levels */

@@ -399,13 +399,12 @@ LULL_INLINE float lull_ramp(float v, float begin, float slope)
 LULL_INLINE lull_mixing lull_mixing_of(float calm, int has_features)
 {
     lull_mixing mixing;
-    mixing.calm =
-        has_features ? lull_ramp(calm, 0.08f, 12.5f) : lull_ramp(calm, 0.05f, 14.285714f);
+    mixing.calm = lull_ramp(calm, has_features ? 0.14f : 0.17f, 12.5f);
     mixing.codes = 1.0f - 0.75f * mixing.calm;
     mixing.per_code = has_features ? LULL_SHARE_PER_CODE : LULL_SHARE_PER_CODE_ALONE;
     mixing.most = LULL_MOST_SHARE;
     if (!has_features)
-        mixing.most += 0.2f * lull_ramp(calm, 0.12f, 12.5f);
+        mixing.most += 0.2f * mixing.calm;
     if (calm < 0.0f)
         mixing.most = 0.0f;
     return mixing;
@@ -466,36 +465,44 @@ LULL_INLINE float lull_edge_share(float light, float least, float most, float st
     return (contrast * evenness) * strength;
 }
 
-/* ---- Grain of the albedo --------------------------------------------------------------------- */
+/* ---- Grain of albedo and normals ------------------------------------------------------------- */
 
 #define LULL_GRAIN_SIDE 8u  /* pixels of a cell, in either direction */
 #define LULL_GRAIN_LEVEL 3u /* log2 of it */
 #define LULL_GRAIN_STEPS 4u /* to a neighbour: right, below, below right, below left */
 #define LULL_GRAIN_SUMS (6u + LULL_GRAIN_STEPS) /* of a cell: 1, L, L L, r, g, b, squared steps */
+#define LULL_GRAIN_VALUES 4u /* of a cell: how much of the mean stands for pixels, and the mean */
+#define LULL_GRAINY 2u       /* features that may have it: albedo, then normals */
+#define LULL_GRAIN_ALBEDO 0u
+#define LULL_GRAIN_NORMAL 1u
 #define LULL_GRAIN_STRAIGHT 0.5714286f /* half of a step's square by pixels: 7 pairs of 8, ... */
 #define LULL_GRAIN_DIAGONAL 0.6530612f /* ... 49 of 64 */
 #define LULL_GRAIN_WHITE 0.7f
 #define LULL_GRAIN_AROUND 5.0f
 #define LULL_GRAIN_OWN 4.0f
 #define LULL_GRAIN_FLAT 16.0f
-#define LULL_GRAIN_MOST 0.00048828125f /* 1 by the variance from which on all may go */
+#define LULL_GRAIN_MOST 0.00048828125f /* 1 by the variance from which on all may go: of albedo, */
+#define LULL_GRAIN_MOST_OF_NORMAL 0.015625f /* of normals, and more of albedo where these have it */
 
-/* L of the codes of an albedo. */
+/* Where the codes of a feature are, in those of a pixel. */
+LULL_INLINE unsigned lull_grain_codes(unsigned feature) { return 3u + 3u * feature; }
+
+/* L of the codes of a pixel's feature. */
 LULL_INLINE int lull_grain_light(const uint8_t *code)
 {
     return (code[0] + 2 * code[1] + code[2]) >> 2;
 }
 
-/* From sums: the share of the mean in the albedo, and the mean; gain: how fast it grows beyond
- * LULL_GRAIN_WHITE. */
-LULL_INLINE void lull_grain_share(float *cell, const float *sums, float gain)
+/* From sums: the share of the mean in the feature, and the mean, in [0,1]; gain: how fast it grows
+ * beyond LULL_GRAIN_WHITE, most: by variance. */
+LULL_INLINE void lull_grain_share(float *cell, const float *sums, float gain, float most)
 {
     float m = 1.0f / sums[0], mean = sums[1] * m, v = sums[2] * m - mean * mean;
     float steps = (sums[6] < sums[7] ? sums[6] : sums[7]) * LULL_GRAIN_STRAIGHT;
     float diagonal = (sums[8] < sums[9] ? sums[8] : sums[9]) * LULL_GRAIN_DIAGONAL;
     float white = 1.0f / (v > LULL_GRAIN_FLAT ? v : LULL_GRAIN_FLAT), much;
     white = (((steps < diagonal ? steps : diagonal) * m) * white - LULL_GRAIN_WHITE) * gain;
-    much = (v - LULL_GRAIN_FLAT) * LULL_GRAIN_MOST;
+    much = (v - LULL_GRAIN_FLAT) * most;
     white = white > 0.0f ? white : 0.0f;
     much = much > 0.0f ? much : 0.0f;
     cell[0] = (white < 1.0f ? white : 1.0f) * (much < 1.0f ? much : 1.0f);
@@ -504,11 +511,11 @@ LULL_INLINE void lull_grain_share(float *cell, const float *sums, float gain)
 }
 
 /* The same of a cell, from sums over it and those around it, and over itself. */
-LULL_INLINE void lull_grain(float *cell, const float *around, const float *own)
+LULL_INLINE void lull_grain(float *cell, const float *around, const float *own, float most)
 {
-    float other[4], whole, part;
-    lull_grain_share(cell, around, LULL_GRAIN_AROUND);
-    lull_grain_share(other, own, LULL_GRAIN_OWN);
+    float other[LULL_GRAIN_VALUES], whole, part;
+    lull_grain_share(cell, around, LULL_GRAIN_AROUND, most);
+    lull_grain_share(other, own, LULL_GRAIN_OWN, most);
     other[0] = (1.0f - cell[0]) * other[0];
     whole = cell[0] + other[0];
     part = whole > 0.0f ? other[0] * (1.0f / whole) : 0.0f;
@@ -516,6 +523,20 @@ LULL_INLINE void lull_grain(float *cell, const float *around, const float *own)
     cell[0] = whole;
     for (int c = 1; c < 4; c++)
         cell[c] = cell[c] + part * (other[c] - cell[c]);
+}
+
+/* LULL_GRAIN_MOST of the albedo of a cell whose normals have this much grain. */
+LULL_INLINE float lull_grain_most(float of_normal)
+{
+    return LULL_GRAIN_MOST + of_normal * LULL_GRAIN_MOST_OF_NORMAL;
+}
+
+/* A value less its grain; mean: in [0,1], of what a normal of [-1,1] stands at. */
+LULL_INLINE float lull_without_grain(float v, float share, float mean, unsigned feature)
+{
+    float gain = feature == LULL_GRAIN_NORMAL ? 2.0f : 1.0f;
+    float less = feature == LULL_GRAIN_NORMAL ? 1.0f : 0.0f;
+    return v + share * ((mean * gain - less) - v);
 }
 
 #endif

@@ -81,7 +81,8 @@ void lull_plan_restart(lull_plan *plan)
 
 int lull_plan_is_idle(const lull_plan *plan, unsigned l)
 {
-    return l < plan->model->graph.before && !lull_plan_has(plan, LULL_TENSOR_ALBEDO);
+    return l < plan->model->graph.before && !lull_plan_has(plan, LULL_TENSOR_ALBEDO) &&
+           !lull_plan_has(plan, LULL_TENSOR_NORMAL);
 }
 
 int lull_plan_brings(const lull_plan *plan, unsigned l)

@@ -1,19 +1,20 @@
-"""export.grain in PyTorch: where the albedo is noise from pixel to pixel, means of a wide window
-stand for it. Nothing of it is trained."""
+"""export.grain in PyTorch: where albedo or normals are noise from pixel to pixel, means of a wide
+window stand for them. Nothing of it is trained."""
 from __future__ import annotations
 
 import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from export.grain import AROUND, FLAT, MOST_VARIANCE, OWN, PAIRS, PER_CODE, SIDE, STEPS, WHITE
+from export.grain import (AROUND, FLAT, MOST_OF_NORMAL, MOST_VARIANCE, OWN, PAIRS, PER_CODE, SIDE,
+                          STEPS, WHITE)
 from training.cells import between, cell_means
 from training.kernel_filter import planar
 from training.regression import windows
 
 
 def products(codes: Tensor, here: Tensor) -> Tensor:
-    """export.grain.products of tensors: codes of the albedo [N,3,H,W] -> [N,SUMS,H,W]; here: which
+    """export.grain.products of tensors: codes of a feature [N,3,H,W] -> [N,SUMS,H,W]; here: which
     pixels count, 0 or 1, [N,1,H,W]."""
     r, g, b = codes.split(1, 1)
     light = ((r + 2.0 * g + b) / 4.0).floor()
@@ -30,8 +31,9 @@ def products(codes: Tensor, here: Tensor) -> Tensor:
     return torch.cat((torch.ones_like(light), light, light.square(), codes, *squares), 1) * here
 
 
-def shares(sums: Tensor, gain: float) -> tuple[Tensor, Tensor]:
-    """export.grain.shares of tensors, [N,SUMS,H,W] -> [N,1,H,W] and [N,3,H,W]."""
+def shares(sums: Tensor, gain: float, most: Tensor | float) -> tuple[Tensor, Tensor]:
+    """export.grain.shares of tensors, [N,SUMS,H,W] -> [N,1,H,W] and [N,3,H,W]; most: or
+    [N,1,H,W]."""
     m = 1.0 / sums[:, :1].clamp(min=1.0 / SIDE**2)
     mean = sums[:, 1:2] * m
     variance = sums[:, 2:3] * m - mean * mean
@@ -39,27 +41,36 @@ def shares(sums: Tensor, gain: float) -> tuple[Tensor, Tensor]:
     steps = torch.minimum(straight * float(PAIRS[0]), diagonal * float(PAIRS[1]))
     white = (steps * m) * (1.0 / variance.clamp(min=float(FLAT)))
     share = ((white - float(WHITE)) * gain).clamp(0.0, 1.0)
-    share = share * ((variance - float(FLAT)) * float(MOST_VARIANCE)).clamp(0.0, 1.0)
+    share = share * ((variance - float(FLAT)) * most).clamp(0.0, 1.0)
     return share, ((sums[:, 3:6] * m) * float(PER_CODE)).clamp(max=1.0)
 
 
-def cell_grain(sums: Tensor) -> Tensor:
+def cell_grain(sums: Tensor, most: Tensor | float) -> Tensor:
     """export.grain.cell_grain of tensors, [N,SUMS,H,W] -> [N,4,H,W]."""
-    share, mean = shares(windows(sums), float(AROUND))
-    own, own_mean = shares(sums, float(OWN))
+    share, mean = shares(windows(sums), float(AROUND), most)
+    own, own_mean = shares(sums, float(OWN), most)
     own = (1.0 - share) * own
     whole = share + own
     return torch.cat((whole, mean + own / whole.clamp(min=1e-12) * (own_mean - mean)), 1)
 
 
-def without_grain(albedo: Tensor, has_albedo: Tensor) -> Tensor:
-    """The albedo [N,3,H,W] in [0,1] less its grain; has_albedo: 0 or 1, [N,1,H,W], where it is 0
-    the albedo stays as it is and counts for nothing. Gradients pass to it as if shares and means
-    were constants."""
-    albedo, here = planar(albedo), planar(has_albedo)
+def _cleaned(feature: Tensor, here: Tensor, most: Tensor | float) -> tuple[Tensor, Tensor]:
+    """A feature [N,3,H,W] in [0,1] less its grain, and the shares of its cells."""
+    feature, here = planar(feature), planar(here)
     with torch.no_grad():
-        codes = (albedo.clamp(0.0, 1.0) * 255.0 + 0.5).floor()  # as export.smooth.to_code
-        cells = cell_grain(cell_means(products(codes, here), SIDE))
-        share, mean = between(cells, albedo.shape, SIDE).split((1, 3), 1)
+        codes = (feature.clamp(0.0, 1.0) * 255.0 + 0.5).floor()  # as export.smooth.to_code
+        cells = cell_grain(cell_means(products(codes, here), SIDE), most)
+        share, mean = between(cells, feature.shape, SIDE).split((1, 3), 1)
         share = share * here
-    return albedo + share * (mean - albedo)
+    return feature + share * (mean - feature), cells[:, :1]
+
+
+def without_grain(x: Tensor) -> Tensor:
+    """export.grain.without_grain of the planes of `kernel_model.planes`, [N,12,H,W]: where a flag
+    is 0 the feature stays as it is and counts for nothing. Gradients pass to features as if shares
+    and means were constants."""
+    has_albedo, has_normal = x[:, 9:10], x[:, 10:11]
+    normal, share = _cleaned(x[:, 6:9], has_normal, float(MOST_OF_NORMAL))
+    albedo, _ = _cleaned(x[:, 3:6], has_albedo,
+                         float(MOST_VARIANCE) + share * float(MOST_OF_NORMAL))
+    return torch.cat((x[:, :3], albedo, normal, x[:, 9:]), 1)

@@ -16,8 +16,8 @@ from torch import Tensor
 
 from export.kernel import LAST_STEPS
 from export.smooth import (ABOVE, BALANCE_EPS, BESIDE, CALM, CALM_ALONE, CALM_SPARKS, CELL, FAR,
-                           FAR_SPARKS_SQUARED, GUIDE_GAIN, LEAST_NOISE, LESS_OF_CODES, MORE_CALM,
-                           MORE_SHARE, MOST_GAIN, MOST_LACKING, MOST_SHARE, NEAR, NOISE_EPS,
+                           FAR_SPARKS_SQUARED, GUIDE_GAIN, LEAST_NOISE, LESS_OF_CODES, MORE_SHARE,
+                           MOST_GAIN, MOST_LACKING, MOST_SHARE, NEAR, NOISE_EPS,
                            NOISE_GAIN, NOISE_SHARE, NOISY, RESULT_GAIN, RUN, RUNS_BESIDE,
                            SHARE_PER_CODE, SHARE_PER_CODE_ALONE, SPARK, SPARKS_LEAST,
                            SPARKS_SQUARED, SPARK_CODES, WIDTH_MIN, WIDTH_PER_CODE)
@@ -163,12 +163,13 @@ def divisor(q: Tensor, albedo: Tensor, has_albedo: Tensor, whole: bool) -> Tenso
 
 
 def smooth_result(out: Tensor, smooth: Tensor, noise: Tensor, radiance: Tensor, codes: Tensor,
-                  normal: Tensor, head: Tensor, bilateral: int) -> Tensor:
+                  albedo: Tensor, normal: Tensor, head: Tensor, bilateral: int) -> Tensor:
     """The result of apply_filter after the last steps, [N,3,H,W]; gradients pass by `out`, and by
     the kernel of the albedo in `head`, which filters the normal, too.
 
-    codes: the network's input, whole numbers of 0..255, [N,12,H,W]; normal: 0 where there is none,
-    [N,3,H,W]; head: that of level 0; bilateral: a value of export.kernel.BILATERAL.
+    codes: the network's input, whole numbers of 0..255, [N,12,H,W], and albedo: [N,3,H,W], both
+    with their grain; normal: without, 0 where there is none, [N,3,H,W]; head: that of level 0;
+    bilateral: a value of export.kernel.BILATERAL.
     """
     steps = LAST_STEPS[bilateral]
     radiance = radiance.clamp(0.0, RADIANCE_MAX)
@@ -180,10 +181,10 @@ def smooth_result(out: Tensor, smooth: Tensor, noise: Tensor, radiance: Tensor, 
     if steps.corrects:  # but not what is clipped
         v = torch.where(codes[:, 11:12] > 0, v, corrected(v, smooth, noise, radiance))
     is_alone = codes[:, 9:11, :1, :1].amax(1, keepdim=True) == 0
-    details = details_of(radiance)
-    raggedness = ragged(details, codes[:, 3:6] / 255.0, codes[:, 9:10, :1, :1])
+    raggedness = ragged(details_of(radiance), albedo, codes[:, 9:10, :1, :1])
     v = averaged(v * smooth, raggedness.to(v.dtype))
-    return mixed(v, noise, radiance, is_alone, calm_share(details))
+    even = radiance / torch.where(codes[:, 9:10] > 0, albedo + EPS, 1.0)
+    return mixed(v, noise, radiance, is_alone, calm_share(details_of(even)))
 
 
 def moved(v: Tensor, offsets: Sequence[tuple[int, int]]) -> list[Tensor]:
@@ -264,8 +265,8 @@ def corrected(out: Tensor, smooth: Tensor, noise: Tensor, radiance: Tensor) -> T
 def mixed(result: Tensor, noise: Tensor, radiance: Tensor, is_alone: Tensor,
           calm: Tensor) -> Tensor:
     """export.smooth.mixed of tensors [N,C,H,W]; is_alone and calm: [N,1,1,1]."""
-    most = float(MOST_SHARE) + float(MORE_SHARE) * is_alone * ramp(calm, MORE_CALM)
     calm = torch.where(is_alone, ramp(calm, CALM_ALONE), ramp(calm, CALM))
+    most = float(MOST_SHARE) + float(MORE_SHARE) * is_alone * calm
     per_code = torch.where(is_alone, float(SHARE_PER_CODE_ALONE), float(SHARE_PER_CODE))
     side, around = (1, RUN), 2 * RUNS_BESIDE + 1
     runs = torch.cat((torch.ones_like(noise), noise), 1)

@@ -62,14 +62,15 @@ def run(trunk: Callable[[Tensor], list[Tensor]], transfer: str, x: Tensor,
     albedo = x[:, 3:6]
     steps = LAST_STEPS.get(bilateral)
     if steps and steps.cleans:
-        albedo = without_grain(albedo, x[:, 9:10])
-        codes = encode(radiance, torch.cat((x[:, :3], albedo, x[:, 6:]), 1), kind)
+        x = without_grain(x)
+        codes = encode(radiance, x, kind)
     heads = padded_heads(trunk, codes)
-    out, smooth, noise = apply_filter(heads, radiance, albedo, x[:, 9:10])
+    out, smooth, noise = apply_filter(heads, radiance, x[:, 3:6], x[:, 9:10])
     if steps:
         given = (given.to(x.dtype) * 255.0).round()
         normal = (2.0 * x[:, 6:9] - 1.0) * x[:, 10:11]
-        out = smooth_result(out, smooth, noise, radiance, given, normal, heads[0], bilateral)
+        out = smooth_result(out, smooth, noise, radiance, given, albedo, normal, heads[0],
+                            bilateral)
     return to_codes(transfer, out, LOWEST, color.HDR_MAX)
 
 

@@ -203,16 +203,14 @@ static unsigned tap_columns(const lull_layer *layer, unsigned s)
     return layer->op == LULL_OP_HEAD ? 1 : s == 0 && lull_layer_is_up(layer) ? 2 : 3;
 }
 
-/* 1 if a layer has nothing to work on: without albedo it has no grain, without normals none are
- * filtered, and with neither there is no regression. */
+/* 1 if a layer has nothing to work on: without normals none are filtered, and without albedo, too,
+ * there is no grain and no regression. */
 static int is_left_out(const lull_cl_schedule *s, const lull_layer *layer)
 {
-    if (layer < s->graph->layer + s->graph->before)
-        return !(s->flags & LULL_CL_ALBEDO);
     if (layer->op == LULL_OP_FACE)
         return !(s->flags & LULL_CL_NORMAL);
-    return (layer->op == LULL_OP_FIT_SUMS || layer->op == LULL_OP_FIT ||
-            layer->op == LULL_OP_REGRESS) &&
+    return (layer < s->graph->layer + s->graph->before || layer->op == LULL_OP_FIT_SUMS ||
+            layer->op == LULL_OP_FIT || layer->op == LULL_OP_REGRESS) &&
            !(s->flags & LULL_CL_FEATURES);
 }
 
@@ -279,6 +277,11 @@ static void filter_sources(uint8_t sources[LULL_CL_SOURCES], const lull_cl_sched
         sources[i] = i < LULL_MAX_SOURCES ? stand_in(s, layer->source[i]) : CL_NONE;
     if (layer->op == LULL_OP_SMOOTH && !(s->flags & LULL_CL_ALBEDO))
         sources[0] = CL_NONE;
+    if (layer->op == LULL_OP_ENCODE) {
+        sources[0] = s->flags & LULL_CL_ALBEDO ? LULL_TENSOR_ALBEDO : CL_NONE;
+        sources[1] = s->flags & LULL_CL_NORMAL ? LULL_TENSOR_NORMAL : CL_NONE;
+        sources[3] = LULL_TENSOR_RADIANCE;
+    }
     if (layer->op == LULL_OP_BILATERAL || layer->op == LULL_OP_CORRECT ||
         (layer->op == LULL_OP_FILTER && lull_graph_has_noise(s->graph, l + 1)))
         sources[2] = LULL_CL_NOISE_CODES;
@@ -342,7 +345,7 @@ static void add_layer(lull_cl_schedule *s, unsigned l)
         return;
     filter_sources(sources, s, l);
     step = add_filter(s, kernels[layer->op],
-                      layer->op == LULL_OP_ENCODE ? LULL_TENSOR_ALBEDO : l + 1, layer->level,
+                      layer->op == LULL_OP_ENCODE ? LULL_TENSOR_INPUT : l + 1, layer->level,
                       sources);
     args = &step->args.filter;
     args->code = first_code(s->graph, layer);

@@ -151,80 +151,122 @@ KERNEL_OF_PIXELS guide(__global uchar *memory, __global const uchar *model, lull
     *(__global uchar2 *)bytes_at(memory, a.out, x, y) = (uchar2)(made[0], made[1]);
 }
 
-/* ---- Grain of the albedo --------------------------------------------------------------------- */
+/* ---- Grain of albedo and normals -------------------------------------------------------------- */
 
-/* out: LULL_GRAIN_SUMS sums of cells, whole numbers; source: the network's input. */
+/* 1 if there is the feature. */
+static int has_feature(const lull_cl_filter *a, uint feature)
+{
+    return (a->flags & (feature == LULL_GRAIN_NORMAL ? LULL_CL_NORMAL : LULL_CL_ALBEDO)) != 0;
+}
+
+/* out: LULL_GRAIN_SUMS sums of cells for each feature, whole numbers; source: the network's
+ * input. */
 KERNEL_OF_PIXELS grain_sums(__global uchar *memory, __global const uchar *model, lull_cl_filter a)
 {
     const int side = LULL_GRAIN_SIDE;
     int cell = get_global_id(0), row = get_global_id(1), x, y;
     int right = min((cell + 1) * side, a.inside_width);
     int bottom = min((row + 1) * side, a.inside_height);
-    int sum[LULL_GRAIN_SUMS] = {0};
     if (cell * side >= a.inside_width || row * side >= a.inside_height)
         return;
-    for (y = row * side; y < bottom; y++)
-        for (x = cell * side; x < right; x++) {
-            __global uchar *p = bytes_at(memory, a.source[0], x, y) + 3;
-            uchar here[3] = {p[0], p[1], p[2]};
-            int light = lull_grain_light(here), step;
-            sum[0]++;
-            sum[1] += light;
-            sum[2] += light * light;
-            for (int c = 0; c < 3; c++)
-                sum[3 + c] += here[c];
-            for (uint k = 0; k < LULL_GRAIN_STEPS; k++) {
-                int other = x + (k == 3 ? -1 : k != 1), below = y + (k > 0);
-                if (other < cell * side || other >= right || below >= bottom)
-                    continue;
-                p = bytes_at(memory, a.source[0], other, below) + 3;
-                uchar there[3] = {p[0], p[1], p[2]};
-                step = lull_grain_light(there) - light;
-                sum[6 + k] += step * step;
+    for (uint f = 0; f < LULL_GRAINY; f++) {
+        const uint at = lull_grain_codes(f);
+        int sum[LULL_GRAIN_SUMS] = {0};
+        for (y = row * side; has_feature(&a, f) && y < bottom; y++)
+            for (x = cell * side; x < right; x++) {
+                __global uchar *p = bytes_at(memory, a.source[0], x, y) + at;
+                uchar here[3] = {p[0], p[1], p[2]};
+                int light = lull_grain_light(here), step;
+                sum[0]++;
+                sum[1] += light;
+                sum[2] += light * light;
+                for (int c = 0; c < 3; c++)
+                    sum[3 + c] += here[c];
+                for (uint k = 0; k < LULL_GRAIN_STEPS; k++) {
+                    int other = x + (k == 3 ? -1 : k != 1), below = y + (k > 0);
+                    if (other < cell * side || other >= right || below >= bottom)
+                        continue;
+                    p = bytes_at(memory, a.source[0], other, below) + at;
+                    uchar there[3] = {p[0], p[1], p[2]};
+                    step = lull_grain_light(there) - light;
+                    sum[6 + k] += step * step;
+                }
             }
-        }
-    for (uint k = 0; k < LULL_GRAIN_SUMS; k++)
-        pixel_at(memory, a.out, cell, row)[k] = (float)sum[k];
+        for (uint k = 0; k < LULL_GRAIN_SUMS; k++)
+            pixel_at(memory, a.out, cell, row)[f * LULL_GRAIN_SUMS + k] = (float)sum[k];
+    }
 }
 
-/* out: how much of the mean stands for the albedo, and the mean, of cells; source: sums of cells. */
+/* Puts LULL_GRAIN_VALUES of a feature of a cell. */
+static void put_grain(__global uchar *memory, const lull_cl_filter *a, uint feature, int x, int y,
+                      float most)
+{
+    float around[LULL_GRAIN_SUMS], own[LULL_GRAIN_SUMS], cell[LULL_GRAIN_VALUES] = {0.0f};
+    __global float *to = pixel_at(memory, a->out, x, y) + feature * LULL_GRAIN_VALUES;
+    for (uint k = 0; k < LULL_GRAIN_SUMS; k++) {
+        around[k] = sum_around(memory, a, x, y, feature * LULL_GRAIN_SUMS + k);
+        own[k] = sum_at(memory, a, x, y, feature * LULL_GRAIN_SUMS + k);
+    }
+    if (has_feature(a, feature))
+        lull_grain(cell, around, own, most);
+    for (uint c = 0; c < LULL_GRAIN_VALUES; c++)
+        to[c] = cell[c];
+}
+
+/* out: for each feature how much of the mean stands for it, and the mean, of cells; source: sums of
+ * cells. */
 KERNEL_OF_PIXELS grain(__global uchar *memory, __global const uchar *model, lull_cl_filter a)
 {
     int x = get_global_id(0), y = get_global_id(1);
-    float around[LULL_GRAIN_SUMS], own[LULL_GRAIN_SUMS], cell[4];
     if (x >= a.inside_width || y >= a.inside_height)
         return;
-    for (uint k = 0; k < LULL_GRAIN_SUMS; k++) {
-        around[k] = sum_around(memory, &a, x, y, k);
-        own[k] = sum_at(memory, &a, x, y, k);
-    }
-    lull_grain(cell, around, own);
-    *floats_at(memory, a.out, x, y) = (float4)(cell[0], cell[1], cell[2], cell[3]);
+    put_grain(memory, &a, LULL_GRAIN_NORMAL, x, y, LULL_GRAIN_MOST_OF_NORMAL);
+    put_grain(memory, &a, LULL_GRAIN_ALBEDO, x, y,
+              lull_grain_most(pixel_at(memory, a.out, x,
+                                       y)[LULL_GRAIN_NORMAL * LULL_GRAIN_VALUES]));
 }
 
-/* out: (1, albedo), which loses its grain; and so do the codes of the network's input, the first
- * source; others: radiance, grain of cells. */
+/* Takes its grain out of a feature's pixel (1, value) of a tensor, which v is then. Returns 0 if it
+ * has none. */
+static int clean_pixel(float *v, __global uchar *memory, lull_cl_tensor tensor,
+                       const lull_cl_filter *a, const cell_place *at, uint feature, int x, int y)
+{
+    const uint first = feature * LULL_GRAIN_VALUES;
+    float share;
+    if (!has_feature(a, feature))
+        return 0;
+    share = value_between(memory, a->source[2], at, first);
+    if (!(share > 0.0f))
+        return 0;
+    get3(v, floats_at(memory, tensor, x, y)->yzww);
+    for (int c = 0; c < 3; c++)
+        v[c] = lull_without_grain(v[c], share,
+                                  value_between(memory, a->source[2], at, first + 1 + c), feature);
+    *floats_at(memory, tensor, x, y) = (float4)(1.0f, v[0], v[1], v[2]);
+    return 1;
+}
+
+/* out: the codes of the network's input, without grain; sources: albedo and normal, (1, value),
+ * which lose it, too; grain of cells, radiance. */
 KERNEL_OF_PIXELS take_grain(__global uchar *memory, __global const uchar *model, lull_cl_filter a)
 {
     int x = get_global_id(0), y = get_global_id(1);
     cell_place at = place_between(LULL_GRAIN_SIDE, &a, x, y);
-    float share, r[3], albedo[3];
+    float r[3], v[3];
     uchar code[6];
-    __global uchar *to = bytes_at(memory, a.source[0], x, y);
+    __global uchar *to = bytes_at(memory, a.out, x, y);
     if (x >= a.inside_width || y >= a.inside_height)
         return;
-    share = value_between(memory, a.source[2], &at, 0);
-    if (!(share > 0.0f))
+    if (clean_pixel(v, memory, a.source[1], &a, &at, LULL_GRAIN_NORMAL, x, y))
+        for (int c = 0; c < 3; c++)
+            to[lull_grain_codes(LULL_GRAIN_NORMAL) + c] = lull_normal_code(v[c]);
+    if (!clean_pixel(v, memory, a.source[0], &a, &at, LULL_GRAIN_ALBEDO, x, y))
         return;
-    get3(albedo, floats_at(memory, a.out, x, y)->yzww);
+    get_radiance(r, memory, a.source[3], x, y);
+    lull_sane_albedo(v);
+    code_radiance(code, r, v);
     for (int c = 0; c < 3; c++)
-        albedo[c] += share * (value_between(memory, a.source[2], &at, 1 + c) - albedo[c]);
-    *floats_at(memory, a.out, x, y) = (float4)(1.0f, albedo[0], albedo[1], albedo[2]);
-    get_radiance(r, memory, a.source[1], x, y);
-    lull_sane_albedo(albedo);
-    code_radiance(code, r, albedo);
-    for (int c = 0; c < 3; c++)
-        code[3 + c] = lull_to_code(albedo[c] * 255.0f);
+        code[3 + c] = lull_to_code(v[c] * 255.0f);
     for (int k = 0; k < 6; k++)
         to[k] = code[k];
 }

@@ -313,11 +313,13 @@ static void calm_and_ragged_are_the_picture_s(void)
         frame.threads = threads;
         for (size_t i = 0; i < 4 * pixels; i++)
             in[i] = 1.0f + rows[row].noise * chance((uint32_t)i);
-        in[0] = rows[row].noise > 0 ? NAN : in[0];
         for (size_t i = 0; i < 3 * pixels; i++)
             albedo[i] = rows[row].albedo == EVEN
                             ? 0.5f
                             : stripe((unsigned)(i / 3 % frame.width), rows[row].albedo == SHARP);
+        for (size_t i = 0; rows[row].albedo != NONE && i < 3 * pixels; i++)
+            in[i / 3 * 4 + i % 3] *= albedo[i] + 0.02f; /* its texture is no detail */
+        in[0] = rows[row].noise > 0 ? NAN : in[0];
         plan_bytes = lull_plan_size(&frame, model);
         plan_memory = aligned(plan_bytes);
         CHECK_EQ(lull_plan_init(&plan, plan_memory, plan_bytes, &frame, model), LULL_OK);

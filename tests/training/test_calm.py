@@ -43,6 +43,16 @@ def test_texture_in_some_places_leaves_a_frame_calm(pixels, least, most):
     assert least <= calm.calm_share(image) <= most
 
 
+def test_texture_of_the_albedo_is_no_detail():
+    """Even light on a texture that differs from pixel to pixel: noise by its looks, without the
+    albedo that tells."""
+    light = picture(160, 200, 0.01)
+    albedo = np.random.default_rng(4).uniform(0.1, 1, (160, 200, 3)).astype(np.float32)
+    assert calm.frame_calm(light * albedo, None) < 0.01
+    assert calm.frame_calm(light * (albedo + 0.02), albedo) > 0.97
+    assert calm.frame_calm(light, albedo) < 0.01
+
+
 @pytest.mark.parametrize("size", [(4, 80), (80, 4), (1, 1)])
 def test_frames_too_small_for_a_cell_are_not_calm(size):
     image = picture(*size, 0.01)

@@ -1,4 +1,4 @@
-"""Grain of the albedo: what counts as grain, and the same in numpy, PyTorch and the core."""
+"""Grain of albedo and normals: what counts as it, and the same in numpy, PyTorch and the core."""
 from __future__ import annotations
 
 import subprocess
@@ -19,21 +19,40 @@ INSIDE = np.s_[16:-16, 16:-16]  # where windows see no border
 SIZES = ((64, 80), (37, 45), (8, 8), (9, 7), (1, 30), (30, 1), (1, 1))
 
 
+def without(albedo: np.ndarray | None, normal: np.ndarray | None) -> tuple:
+    """The reference's, of features [H,W,3], the albedo without black pixels."""
+    one = np.ones_like(normal if albedo is None else albedo)
+    return grain.without_grain(albedo, normal, kernel.encode(one, albedo, normal, False))
+
+
 def cleaned(albedo: np.ndarray) -> np.ndarray:
-    """The reference's, for an albedo [H,W,3] without black pixels."""
-    return grain.without_grain(albedo, kernel.encode(np.ones_like(albedo), albedo, None, False))
+    return without(albedo, None)[0]
+
+
+def planes(albedo: np.ndarray | None, normal: np.ndarray | None) -> torch.Tensor:
+    """Those that a model gets, [1,12,H,W]."""
+    x = torch.zeros(1, 12, *(normal if albedo is None else albedo).shape[:2])
+    for at, flag, v in ((3, 9, albedo), (6, 10, None if normal is None else normal * 0.5 + 0.5)):
+        if v is not None:
+            x[:, at:at + 3] = torch.from_numpy(v.transpose(2, 0, 1).astype(np.float32))
+            x[:, flag] = 1
+    return x
 
 
 def in_pytorch(albedo: np.ndarray) -> np.ndarray:
-    """The same in PyTorch."""
-    a = torch.from_numpy(albedo.transpose(2, 0, 1)[None].copy())
-    return without_grain(a, torch.ones_like(a[:, :1]))[0].numpy().transpose(1, 2, 0)
+    """`cleaned` in PyTorch."""
+    return without_grain(planes(albedo, None))[0, 3:6].numpy().transpose(1, 2, 0)
 
 
 def salt(height: int, width: int, seed: int = 1, share: float = 0.5) -> np.ndarray:
     """Albedo of single bright and dark pixels, [H,W,3]."""
     bright = np.random.default_rng(seed).random((height, width, 1)) < share
     return np.where(bright, np.float32([0.9, 0.8, 0.7]), np.float32([0.1, 0.2, 0.05]))
+
+
+def tilted(mask: np.ndarray) -> np.ndarray:
+    """Normals [H,W,3] that are up in these pixels and 0, as before fog, in others."""
+    return np.where(mask, np.float32([0.1, 0.2, 0.97]), np.float32(0))
 
 
 def half_grainy(height: int, width: int) -> np.ndarray:
@@ -117,6 +136,26 @@ def test_grain_beside_a_texture_leaves_the_texture_alone():
     assert out[INSIDE][:, :56].std() < albedo[INSIDE][:, :56].std() / 3
 
 
+def test_normals_lose_grain_and_keep_edges():
+    grainy = tilted(salt(96, 96)[..., :1] > 0.5)
+    sharp = np.repeat(tilted(squares(7)[..., :1] > 0.5), 2, 1)
+    _, out = without(None, np.concatenate((grainy, sharp), 1))
+    assert out[INSIDE][:, :56].std(axis=(0, 1)).max() < grainy[INSIDE].std((0, 1)).max() / 5
+    np.testing.assert_allclose(out[INSIDE][:, :56].mean((0, 1)), grainy.mean((0, 1)), atol=0.03)
+    assert np.array_equal(out[:, 96 + 24:], sharp[:, 24:])
+
+
+def test_weak_grain_of_the_albedo_goes_where_normals_have_grain():
+    """As before fog of many samples, where no texture is."""
+    here = salt(96, 96)[..., :1] > 0.5
+    albedo = np.where(here, np.float32(0.55), np.float32(0.45)) * np.float32([1, 0.9, 0.8])
+    even = np.broadcast_to(np.float32([0, 0.6, 0.8]), albedo.shape)
+    (kept, same), (gone, _) = without(albedo, even), without(albedo, tilted(here))
+    assert np.array_equal(same, even)
+    assert np.abs(kept - albedo)[INSIDE].mean() < 0.2 * np.abs(gone - albedo)[INSIDE].mean()
+    assert gone[INSIDE].std((0, 1)).max() < albedo.std((0, 1)).max() / 4
+
+
 # ---- The same everywhere -------------------------------------------------------------------------
 
 @pytest.mark.parametrize("height, width", SIZES)
@@ -127,11 +166,26 @@ def test_pytorch_equals_numpy(height, width):
         np.testing.assert_allclose(in_pytorch(albedo), cleaned(albedo), atol=2e-6)
 
 
+@pytest.mark.parametrize("height, width", SIZES)
+def test_normals_in_pytorch_equal_numpy(height, width):
+    rng = np.random.default_rng(height)
+    for normal in (rng.normal(0, 0.5, (height, width, 3)), half_grainy(height, width) * 2 - 1,
+                   tilted(salt(height, width)[..., :1] > 0.5)):
+        normal = np.clip(normal, -1, 1).astype(np.float32)
+        for albedo in (None, half_grainy(height, width)):
+            got = without_grain(planes(albedo, normal))[0].numpy().transpose(1, 2, 0)
+            want = without(albedo, normal)
+            np.testing.assert_allclose(got[..., 6:9] * 2 - 1, want[1], atol=4e-6)
+            if albedo is not None:
+                np.testing.assert_allclose(got[..., 3:6], want[0], atol=2e-6)
+
+
 def test_all_degrees_of_grain_are_compared():
     """That what is compared here has shares of nothing, all and between."""
     albedo = half_grainy(64, 320)
-    codes = kernel.encode(albedo, albedo, None, False)
-    cells = grain.cell_grain(grain.cell_sums(grain.products(codes), grain.SIDE))
+    codes = kernel.encode(albedo, albedo, None, False)[..., 3:6]
+    sums = grain.cell_sums(grain.products(codes), grain.SIDE)
+    cells = grain.cell_grain(sums, grain.MOST_VARIANCE)
     assert (cells[0] == 0).any() and (cells[0] == 1).any() and len(np.unique(cells[0])) > 10
     np.testing.assert_allclose(in_pytorch(albedo), cleaned(albedo), atol=2e-6)
 
@@ -141,25 +195,25 @@ def test_what_has_no_albedo_is_left_alone_and_counts_for_nothing():
     (Behind the centre of its last cell values would go on, not stay: here there is no such pixel.)
     """
     albedo = [salt(40, 48, 1), salt(40, 48, 2), half_grainy(27, 35)]
-    batch, here = torch.zeros(3, 3, 40, 48), torch.zeros(3, 1, 40, 48)
+    batch = torch.zeros(3, 12, 40, 48)
     for k, a in enumerate(albedo):
-        batch[k, :, :a.shape[0], :a.shape[1]] = torch.from_numpy(a.transpose(2, 0, 1).copy())
-    here[0], here[2, :, :27, :35] = 1, 1
-    out = without_grain(batch, here)
-    assert torch.equal(out[1], batch[1])
-    assert (out[2][:, 27:] == 0).all() and (out[2][:, :, 35:] == 0).all()
+        batch[k, 3:6, :a.shape[0], :a.shape[1]] = torch.from_numpy(a.transpose(2, 0, 1).copy())
+    batch[0, 9], batch[2, 9, :27, :35] = 1, 1
+    batch[:, 6:9] = torch.rand(3, 3, 40, 48)
+    out = without_grain(batch)
+    assert torch.equal(out[1], batch[1]) and torch.equal(out[:, 6:], batch[:, 6:])
+    assert (out[2, 3:6, 27:] == 0).all() and (out[2, 3:6, :, 35:] == 0).all()
     for k in (0, 2):
         h, w = albedo[k].shape[:2]
-        np.testing.assert_allclose(out[k, :, :h, :w].numpy().transpose(1, 2, 0),
+        np.testing.assert_allclose(out[k, 3:6, :h, :w].numpy().transpose(1, 2, 0),
                                    cleaned(albedo[k]), atol=2e-6)
 
 
 def test_half_precision_around_it_changes_nothing():
-    albedo = torch.from_numpy(half_grainy(32, 96).transpose(2, 0, 1)[None].copy())
-    here = torch.ones_like(albedo[:, :1])
+    x = planes(half_grainy(32, 96), half_grainy(32, 96) - 0.5)
     with torch.autocast("cpu", torch.bfloat16):
-        got = without_grain(albedo, here)
-    assert got.dtype == torch.float32 and torch.equal(got, without_grain(albedo, here))
+        got = without_grain(x)
+    assert got.dtype == torch.float32 and torch.equal(got, without_grain(x))
 
 
 @pytest.mark.parametrize("height, width", [(37, 45), (16, 33), (21, 19), (11, 9)])
@@ -167,7 +221,7 @@ def test_integers_in_pytorch_equal_the_reference(height, width, monkeypatch):
     model = kernel.load(GOLDEN)
     images, want, got = in_both(model, height, width)
     assert np.abs(got - want).mean() < 2e-3 and np.median(np.abs(got - want)) < 1e-5
-    monkeypatch.setattr(kernel, "without_grain", lambda albedo, codes: albedo)
+    monkeypatch.setattr(kernel, "without_grain", lambda albedo, normal, codes: (albedo, normal))
     other = kernel.run_frame(model, pixels.Frame(images, "hdr", 1.0))
     assert np.median(np.abs(other - want)) > 5e-3
 
@@ -175,7 +229,7 @@ def test_integers_in_pytorch_equal_the_reference(height, width, monkeypatch):
 @pytest.mark.parametrize("bilateral", [0, *kernel.LAST_STEPS])
 def test_models_with_all_steps_see_the_albedo_without_grain(bilateral, monkeypatch):
     """One without the rule that gets it clean sees what one with it sees; not so the guide, which
-    is that of the albedo as it is where there are no normals."""
+    is that of the albedo as it is where there are no normals (here those are smooth)."""
     torch.manual_seed(1)
     model = nets.build("k12", 0).eval()
     model.bilateral = bilateral
@@ -183,20 +237,20 @@ def test_models_with_all_steps_see_the_albedo_without_grain(bilateral, monkeypat
     x[:, 9:11], x[:, 11] = 1, 0
     albedo = salt(64, 64)
     x[:, 3:6] = torch.from_numpy(albedo.transpose(2, 0, 1).copy())
-    clean = x.clone()
-    clean[:, 3:6] = without_grain(x[:, 3:6], x[:, 9:10])
+    x[:, 6:9] = torch.linspace(0.2, 0.8, 64)
+    clean = without_grain(x)
     assert not torch.equal(clean, x)
     with torch.no_grad():
         seen = model(x)
         x[:, 10] = 0
         alone = model(x)
-        monkeypatch.setattr("training.kernel_model.without_grain", lambda albedo, here: albedo)
+        monkeypatch.setattr("training.kernel_model.without_grain", lambda x: x)
         assert torch.equal(seen, model(clean)) == (bilateral == kernel.ALL_STEPS)
         clean[:, 10] = 0
         assert not torch.equal(alone, model(clean))
 
 
-@pytest.mark.parametrize("features", [("albedo", "normal"), ("albedo",)])
+@pytest.mark.parametrize("features", [("albedo", "normal"), ("albedo",), ("normal",)])
 @pytest.mark.parametrize("height, width", [(19, 1500), (90, 300), (300, 90)])
 def test_the_program_gives_the_bytes_of_numpy(height, width, features, build, work):
     program = build / "bin" / "oidnDenoise"
@@ -205,7 +259,7 @@ def test_the_program_gives_the_bytes_of_numpy(height, width, features, build, wo
     rng = np.random.default_rng(5)
     albedo = half_grainy(height, width)
     images = {"color": albedo * rng.gamma(1, 1, (height, width, 1)).astype(np.float32),
-              "albedo": albedo, "normal": rng.normal(0, 0.5, albedo.shape).astype(np.float32)}
+              "albedo": albedo, "normal": half_grainy(height, width)[:, ::-1] * 2 - 1}
     images = {f: v for f, v in images.items() if f == "color" or f in features}
     arguments = []
     for name, option in (("color", "--hdr"), ("albedo", "--alb"), ("normal", "--nrm")):
@@ -220,10 +274,10 @@ def test_the_program_gives_the_bytes_of_numpy(height, width, features, build, wo
         assert (got.view(np.uint32) == want.view(np.uint32)).all(), more
 
 
-def test_gradients_pass_to_the_albedo():
+def test_gradients_pass_to_features():
     x = torch.rand(1, 12, 32, 32)
     x[:, 9:11], x[:, 11] = 1, 0
     x.requires_grad_()
     model = nets.build("k12", 0)
     kernel_model.run(model.trunk, "pu", x).sum().backward()
-    assert x.grad[:, 3:6].abs().sum() > 0
+    assert x.grad[:, 3:6].abs().sum() > 0 and x.grad[:, 6:9].abs().sum() > 0

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from tests.training.tools import input_codes
-from export import kernel, pixels
+from export import calm, kernel, pixels
 from export.smooth import guide_of
 from training import cells, kernel_filter, kernel_model, kernel_net, nets, regression
 
@@ -79,15 +79,16 @@ def test_filter_of_torch_equals_the_reference(bilateral, clipped, has_normal, ha
     normal = rng.random((32, 48, 3), np.float32) * 2 - 1
     inputs = rng.integers(0, 256, (32, 48, 12)).astype(np.uint8)
     inputs[..., 9:] = 255 * np.array([has_albedo, has_normal, clipped])
-    expected = kernel.apply_filter(codes, radiance, albedo if has_albedo else None,
-                                   normal if has_normal else None, guide_of(inputs), bilateral,
-                                   clipped)
+    seen = albedo if has_albedo else None
+    expected = kernel.apply_filter(codes, radiance, seen, normal if has_normal else None,
+                                   guide_of(inputs), bilateral, clipped,
+                                   calm=calm.frame_calm(radiance, seen))
     heads = [torch.from_numpy(c.transpose(2, 0, 1)[None].astype(np.float32) / 16) for c in codes]
     batch = [*(tensor(a) for a in (radiance, albedo)),
              torch.full((1, 1, 32, 48), float(has_albedo))]
     filtered = kernel_filter.apply_filter(heads, *batch)
     got = kernel_filter.smooth_result(*filtered, batch[0], tensor(inputs.astype(np.float32)),
-                                      tensor(normal * has_normal), heads[0], bilateral)
+                                      batch[1], tensor(normal * has_normal), heads[0], bilateral)
     np.testing.assert_allclose(picture(got), expected, rtol=2e-4)
 
 

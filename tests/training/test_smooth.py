@@ -253,7 +253,7 @@ def textured(height: int, width: int, noise: float) -> list[np.ndarray]:
 
 
 ALONE = [False, True]
-CALM = np.array([0, 0.095, 0.155, 1], np.float32)
+CALM = np.array([0, 0.16, 0.21, 1], np.float32)
 
 
 @pytest.mark.parametrize("height, width", [(48, 80), (5, 3), (1, 1), (3, 330)])
@@ -275,9 +275,9 @@ def test_mixing_of_torch_equals_the_reference(height, width, noise, calm, is_alo
 @pytest.mark.parametrize("is_alone, calm, code, share", [
     (False, 0, 0, 0.5), (False, 0, 6, 0.5), (False, 0, 8, 0.25), (False, 0, 10, 0),
     (True, 0, 2, 0.5), (True, 0, 14, 0.25), (True, 0, 18, 0), (True, 0, 255, 0),
-    (False, 0.08, 8, 0.25), (False, 0.12, 16, 0.0), (False, 0.12, 12.8, 0.25),
-    (True, 0.05, 14, 0.25), (True, 0.085, 22.4, 0.25),
-    (False, 1, 24, 0.5), (False, 1, 32, 0.25), (True, 0.12, 40, 0.5), (True, 0.16, 24, 0.6),
+    (False, 0.14, 8, 0.25), (False, 0.18, 16, 0.0), (False, 0.18, 12.8, 0.25),
+    (True, 0.17, 14, 0.25), (True, 0.21, 22.4, 0.25),
+    (False, 1, 24, 0.5), (False, 1, 32, 0.25), (True, 0.25, 40, 0.5), (True, 0.21, 12, 0.6),
     (True, 1, 20, 0.7), (True, 1, 56, 0.25)])
 def test_share_of_the_input_falls_with_the_noise(is_alone, calm, code, share):
     """A code counts a fourth in a calm frame; between, code 12.8 counts 8."""
@@ -323,9 +323,8 @@ def test_mixing_is_its_definition(is_alone, calm):
     noise[:, 160:] //= 20  # a mean below 1
     noise[1, ::7], radiance[1, ::21] = 90, 20
     expected = np.empty_like(out)
-    begin, all_of = (0.05, 0.12) if is_alone else (0.08, 0.16)
-    part, most = min(max((calm - begin) / (all_of - begin), 0), 1), 0.5
-    most += is_alone * 0.2 * min(max((calm - 0.12) / 0.08, 0), 1)
+    part = min(max((calm - (0.17 if is_alone else 0.14)) / 0.08, 0), 1)
+    most = 0.5 + is_alone * 0.2 * part
     for y in range(3):
         runs = [noise[y, x:x + 16, 0].astype(float) for x in range(0, 250, 16)]
         share = []

@@ -79,10 +79,11 @@ def core_and_infer(build: Path, raw: Path, weights: str) -> tuple[np.ndarray, np
 
 
 def clear_of_steps(images: dict[str, np.ndarray]) -> None:
-    """Makes pixels a little darker whose input codes, before or after the albedo loses its grain,
+    """Makes pixels a little darker whose input codes, before or after features lose their grain,
     the reference's logarithm, a polynomial, rounds otherwise than ours."""
     codes = kernel.encode(*images.values(), False)
-    seen = images | {"albedo": grain.without_grain(images["albedo"], codes)}
+    clean = grain.without_grain(images["albedo"], images["normal"], codes)
+    seen = images | dict(zip(("albedo", "normal"), clean))
     for _ in range(20):
         off = rounded_otherwise(images) | rounded_otherwise(seen | {"color": images["color"]})
         assert off.mean() < 0.02
