@@ -73,6 +73,7 @@ def group_of(root: Path, name: str):
 @pytest.mark.parametrize("options, code, message", [
     ([], 2, "either --blend or --seeds"),
     (["--seeds", "1", "--blend", "a.blend"], 2, "either --blend or --seeds"),
+    (["--blend", "a.blend", "--still_lifes"], 2, "--still_lifes: with --seeds"),
     (["--seeds", "1", "--spp", "4,16", "--ref", "16"], 2, "--ref: targets need more samples"),
     (["--blend", "a.blend", "--ref", "64,256"], 2, "--ref: one count"),
     (["--seeds", "1", "--threads", "-1"], 2, "--threads"),
@@ -134,6 +135,51 @@ def test_procedural_scenes(tmp_path):
     assert again.returncode == 0 and "0 scenes to render, 2 finished before" in again.stdout
     other = start(tmp_path, "--seeds", "9", *options, "--ref", "128")
     assert other.returncode == 4 and "ref = 64, not 128" in other.stderr
+
+
+EACH = """
+import sys
+import bpy
+import numpy as np
+from training.scenes import cycles, still_lifes
+pictures = [np.full((8, 8, 3), 0.5), np.full((8, 8, 3), 0.1)]
+seen = {}
+for extra in (None, *still_lifes.EXTRAS):
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    cycles.set_up(bpy.context.scene, (48, 32), 2)
+    still_lifes.EXTRAS = (extra,) * 2 if extra else (lambda t: None,) * 2
+    still_lifes.arrange(bpy, np.random.default_rng(3), pictures)
+    seen[extra] = cycles.pilot(bpy, 5)
+    assert np.isfinite(seen[extra]).all() and seen[extra][..., :3].max() > 0, extra
+    assert extra is None or np.abs(seen[extra] - seen[None]).mean() > 1e-4, extra
+assert len(seen) == 14
+"""
+
+
+@needs_bpy
+def test_every_extra_of_a_still_life_can_be_seen():
+    done = start(program=("-c", EACH))
+    assert done.returncode == 0, done.stderr
+
+
+@needs_bpy
+def test_still_lifes(tmp_path):
+    options = ["--still_lifes", "--size", "48x32", "--spp", "1,8", "--ref", "64", "--threads", "2"]
+    twice = [tmp_path / k for k in ("a", "b")]
+    for out in twice:
+        done = start(out, "--seeds", "7,8", *options)
+        assert done.returncode == 0, done.stderr
+    for name in ("o00007", "o00008"):
+        first, again = ([load(v, FEATURES) for v in (*group_of(out, name).inputs,
+                                                     group_of(out, name).target)]
+                        for out in twice)
+        for x, y in zip(first, again, strict=True):  # a seed is a picture, but for rounding
+            assert all(np.abs(x[f] - y[f]).mean() < 1e-4 for f in FEATURES)
+        kept = json.loads((twice[0] / name / "manifest.json").read_text())
+        layout, *extras = kept["layout"].split("-")
+        assert layout == "objects" and 1 <= len(extras) <= 2
+    assert np.abs(load(group_of(twice[0], "o00007").target, FEATURES)["hdr"]
+                  - first[-1]["hdr"]).mean() > 0.01
 
 
 @needs_bpy

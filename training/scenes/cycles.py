@@ -2,6 +2,7 @@
 
   python -m training.scenes.cycles DATA/own --blend shot.blend --frames 1,40,80 --spp 1,4,16
   python -m training.scenes.cycles DATA/train --seeds 0:500 --assets FURNITURE
+  python -m training.scenes.cycles DATA/objects --seeds 0:500 --still_lifes
 
 Wants Blender as a Python module, for the Python version that it was made for, and OpenEXR's (pip
 install bpy OpenEXR numpy).
@@ -41,6 +42,8 @@ def parser() -> argparse.ArgumentParser:
                    "the active one)")
     p.add_argument("--seeds", help="procedural scenes: 0:500 (end excluded), 7, or 3,7,20:40")
     p.add_argument("--assets", metavar="DIR", help="with --seeds: furniture libraries (.sh3f)")
+    p.add_argument("--still_lifes", action="store_true", help="with --seeds: objects in the place "
+                   "of rooms, with fog, hair, glass, mirrors, motion and what else rooms lack")
     p.add_argument("--size", help="pixels: 256 or 320x208 (width x height; default: the size of "
                    "FILE, or 256)")
     p.add_argument("--spp", default="1,4,16", help="sample counts of the noisy images")
@@ -122,13 +125,16 @@ def levels(bpy, out: str, name: str, counts: list[int], seed: int, manifest: dic
     return seconds
 
 
-def build(bpy, seed: int, attempt: int, stock, size: tuple[int, int], threads: int) -> str:
+def build(bpy, seed: int, attempt: int, stock, size: tuple[int, int],
+          args: argparse.Namespace) -> str:
     """The procedural scene of a seed as the current one; its layout. ValueError without a view."""
-    from . import blender, layouts, views
+    from . import blender, layouts, still_lifes, views
     streams = [np.random.default_rng([seed, attempt, 100 + k]) for k in range(3)]
-    name, stage = stock.home(streams[0]) or layouts.make(streams[0])
     bpy.ops.wm.read_factory_settings(use_empty=True)
-    set_up(bpy.context.scene, size, threads)
+    set_up(bpy.context.scene, size, args.threads)
+    if args.still_lifes:
+        return still_lifes.arrange(bpy, streams[0], stock.pictures)
+    name, stage = stock.home(streams[0]) or layouts.make(streams[0])
     blender.furnish(bpy, streams[1], stage, stock.pictures, 512 if max(size) > 160 else 256)
     view = views.choose(streams[2], stage, name,
                         lambda eye, dirs: blender.probe(bpy, eye, dirs))
@@ -146,14 +152,14 @@ def library(bpy, folder: str | None):
     return stock
 
 
-def worth_rendering(bpy, seed: int, stock, size: tuple[int, int], threads: int
+def worth_rendering(bpy, seed: int, stock, size: tuple[int, int], args: argparse.Namespace
                     ) -> tuple[dict, float]:
     """Builds the scene of a seed; what its manifest says and the noise of a pilot. Raises
     ValueError if none of its attempts is of use."""
     why = []
     for attempt in range(ATTEMPTS):
         try:
-            layout = build(bpy, seed, attempt, stock, size, threads)
+            layout = build(bpy, seed, attempt, stock, size, args)
         except ValueError as err:
             why.append(str(err))
             continue
@@ -170,19 +176,21 @@ def procedural(bpy, args: argparse.Namespace, counts: list[int], targets: list[i
     seeds = options.shard(options.seed_list(args.seeds), args.shard)
     kept = {k: getattr(args, k) for k in ("size", "spp", "pick", "ref")}
     kept["assets"] = bool(args.assets)
-    todo = options.unfinished(args.out, seeds, "c", "scenes to render", kept)
+    letter = "o" if args.still_lifes else "c"
+    todo = options.unfinished(args.out, seeds, letter, "scenes to render", kept)
     stock = library(bpy, args.assets)
     for k, seed in enumerate(todo):
         try:
-            manifest, noise = worth_rendering(bpy, seed, stock, size, args.threads)
+            manifest, noise = worth_rendering(bpy, seed, stock, size, args)
         except ValueError as err:
             print(f"warning: seed {seed}: {err}", file=sys.stderr)
             continue
         target = target_of(noise, targets)
         noisy = draw_counts(np.random.default_rng([seed, 99]), counts, args.pick, target)
         manifest |= {"noise": round(noise_at(noise, target), 4), "options": kept}
-        seconds = levels(bpy, args.out, f"c{seed:05d}", [*noisy, target], seed, manifest)
-        print(f"{k + 1}/{len(todo)} c{seed:05d} {manifest['layout']} {noisy} + {target} spp, "
+        name = f"{letter}{seed:05d}"
+        seconds = levels(bpy, args.out, name, [*noisy, target], seed, manifest)
+        print(f"{k + 1}/{len(todo)} {name} {manifest['layout']} {noisy} + {target} spp, "
               f"noise {manifest['noise']}, {seconds} s", flush=True)
 
 
@@ -230,6 +238,8 @@ def run(args: argparse.Namespace) -> None:
     size = options.size_pair(args.size) if args.size else None
     if bool(args.blend) == bool(args.seeds):
         raise ToolError("either --blend or --seeds is wanted", USAGE)
+    if args.still_lifes and args.blend:
+        raise ToolError("--still_lifes: with --seeds only", USAGE)
     if counts[-1] >= targets[0]:
         raise ToolError("--ref: targets need more samples than any of --spp", USAGE)
     if args.blend and len(targets) > 1:
