@@ -283,8 +283,7 @@ def apply_filter(heads: list[np.ndarray], radiance: np.ndarray, albedo: np.ndarr
             out = corrected(out, smooth, noise, radiance)
         result = averaged(np.fmax(out * smooth, F(0)), F(raggedness))
         result = pixels.sanitize(result, 1.0, 0.0, pixels.MAX)
-        return mixed(result, noise, radiance, albedo is None and normal is None,
-                     F(calm))
+        return mixed(result, noise, radiance, albedo is None and normal is None, F(calm))
     return out * smooth
 
 

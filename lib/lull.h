@@ -212,10 +212,11 @@ typedef struct lull_images {
     float input_scale; /* factor that brings the main image to the range the network knows; NaN:
                         * auto-exposure for LULL_HDR and LULL_LIGHTMAP_HDR, else 1. The output is
                         * divided by it again. */
-    float calm; /* part of the main image, in [0, 1], that shows next to no noise; NaN: measured.
-                 * Where it is large, kernel-prediction models leave some of the input in the output
-                 * even where there seems to be noise: it is texture then. -1: none of the input.
-                 * NaN is 0 for albedos and normals, -1 for light maps. Direct models ignore it. */
+    float calm; /* part of the main image, by the albedo if there is one, in [0, 1], that shows next
+                 * to no noise; NaN: measured. Where it is large, kernel-prediction models leave
+                 * some of the input in the output even where there seems to be noise: it is texture
+                 * then. -1: none of the input. NaN is 0 for albedos and normals, -1 for light maps.
+                 * Direct models ignore it. */
     float ragged; /* how much kernel-prediction models average along edges, in [0, 1]: 1 where each
                    * pixel saw one place, for edges are ragged then; NaN: measured in noise and
                    * albedo, 0 without an albedo. Direct ones ignore it. */
