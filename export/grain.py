@@ -72,19 +72,24 @@ def cell_grain(sums: np.ndarray, most: np.ndarray) -> np.ndarray:
     return np.concatenate((whole[None], mean + part * (own_mean - mean)))
 
 
+def _found(codes: np.ndarray, most: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Of a feature's codes [H,W,3]: the shares of its cells, and of each pixel the share [H,W,1]
+    and the mean [H,W,3]. most: of `shares`."""
+    cells = cell_grain(cell_sums(products(codes), SIDE), most)
+    share, *mean = between_cells(cells, codes.shape[:2], SIDE)
+    return cells[0], share[..., None], np.stack(mean, -1)
+
+
 def without_grain(albedo: np.ndarray | None, normal: np.ndarray | None,
                   codes: np.ndarray) -> tuple[np.ndarray | None, np.ndarray | None]:
     """Albedo (in [0,1], black is white) and normals (in [-1,1]), [H,W,3] or absent, less their
     grain; codes: of the input with it, [H,W,12]."""
     most = MOST_VARIANCE
-    shape = codes.shape[:2]
     if normal is not None:
-        cells = cell_grain(cell_sums(products(codes[..., 6:9]), SIDE), MOST_OF_NORMAL)
-        most = MOST_VARIANCE + cells[0] * MOST_OF_NORMAL
-        share, *mean = between_cells(cells, shape, SIDE)
-        normal = normal + share[..., None] * ((np.stack(mean, -1) * F(2) - F(1)) - normal)
+        of_cells, share, mean = _found(codes[..., 6:9], MOST_OF_NORMAL)
+        most = MOST_VARIANCE + of_cells * MOST_OF_NORMAL
+        normal = normal + share * ((mean * F(2) - F(1)) - normal)
     if albedo is not None:
-        cells = cell_grain(cell_sums(products(codes[..., 3:6]), SIDE), most)
-        share, *mean = between_cells(cells, shape, SIDE)
-        albedo = albedo + share[..., None] * (np.stack(mean, -1) - albedo)
+        _, share, mean = _found(codes[..., 3:6], most)
+        albedo = albedo + share * (mean - albedo)
     return albedo, normal

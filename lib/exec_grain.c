@@ -214,7 +214,8 @@ void lull_exec_clean(const lull_task *t, unsigned x, unsigned y, unsigned n, uns
     grain_row *grain = lull_exec_scratch(t, worker);
     for (unsigned f = 0; f < LULL_GRAINY; f++) {
         const size_t plane = lull_exec_plane(plan, tensors[f]);
-        for (unsigned i = x, end = x + n; lull_plan_has(plan, tensors[f]) && i < end; i += SOME)
+        const unsigned end = lull_plan_has(plan, tensors[f]) ? x + n : x;
+        for (unsigned i = x; i < end; i += SOME)
             if (get_grain(grain, t, f, i, y))
                 take_grain(lull_exec_floats(plan, tensors[f], y, i) + plane, plane, grain, f,
                            lull_min_u(SOME, end - i));

@@ -159,39 +159,48 @@ static int has_feature(const lull_cl_filter *a, uint feature)
     return (a->flags & (feature == LULL_GRAIN_NORMAL ? LULL_CL_NORMAL : LULL_CL_ALBEDO)) != 0;
 }
 
+/* LULL_GRAIN_SUMS of a feature over the pixels of a cell that are inside the image. */
+static void sum_cell(int *sum, __global uchar *memory, const lull_cl_filter *a, uint feature,
+                     int cell, int row)
+{
+    const int side = LULL_GRAIN_SIDE;
+    const uint at = lull_grain_codes(feature);
+    int left = cell * side, right = min(left + side, a->inside_width);
+    int bottom = min((row + 1) * side, a->inside_height);
+    for (int y = row * side; y < bottom; y++)
+        for (int x = left; x < right; x++) {
+            __global uchar *p = bytes_at(memory, a->source[0], x, y) + at;
+            uchar here[3] = {p[0], p[1], p[2]};
+            int light = lull_grain_light(here), step;
+            sum[0]++;
+            sum[1] += light;
+            sum[2] += light * light;
+            for (int c = 0; c < 3; c++)
+                sum[3 + c] += here[c];
+            for (uint k = 0; k < LULL_GRAIN_STEPS; k++) {
+                int other = x + (k == 3 ? -1 : k != 1), below = y + (k > 0);
+                if (other < left || other >= right || below >= bottom)
+                    continue;
+                p = bytes_at(memory, a->source[0], other, below) + at;
+                uchar there[3] = {p[0], p[1], p[2]};
+                step = lull_grain_light(there) - light;
+                sum[6 + k] += step * step;
+            }
+        }
+}
+
 /* out: LULL_GRAIN_SUMS sums of cells for each feature, whole numbers; source: the network's
  * input. */
 KERNEL_OF_PIXELS grain_sums(__global uchar *memory, __global const uchar *model, lull_cl_filter a)
 {
-    const int side = LULL_GRAIN_SIDE;
-    int cell = get_global_id(0), row = get_global_id(1), x, y;
-    int right = min((cell + 1) * side, a.inside_width);
-    int bottom = min((row + 1) * side, a.inside_height);
-    if (cell * side >= a.inside_width || row * side >= a.inside_height)
+    int cell = get_global_id(0), row = get_global_id(1);
+    if (cell * (int)LULL_GRAIN_SIDE >= a.inside_width ||
+        row * (int)LULL_GRAIN_SIDE >= a.inside_height)
         return;
     for (uint f = 0; f < LULL_GRAINY; f++) {
-        const uint at = lull_grain_codes(f);
         int sum[LULL_GRAIN_SUMS] = {0};
-        for (y = row * side; has_feature(&a, f) && y < bottom; y++)
-            for (x = cell * side; x < right; x++) {
-                __global uchar *p = bytes_at(memory, a.source[0], x, y) + at;
-                uchar here[3] = {p[0], p[1], p[2]};
-                int light = lull_grain_light(here), step;
-                sum[0]++;
-                sum[1] += light;
-                sum[2] += light * light;
-                for (int c = 0; c < 3; c++)
-                    sum[3 + c] += here[c];
-                for (uint k = 0; k < LULL_GRAIN_STEPS; k++) {
-                    int other = x + (k == 3 ? -1 : k != 1), below = y + (k > 0);
-                    if (other < cell * side || other >= right || below >= bottom)
-                        continue;
-                    p = bytes_at(memory, a.source[0], other, below) + at;
-                    uchar there[3] = {p[0], p[1], p[2]};
-                    step = lull_grain_light(there) - light;
-                    sum[6 + k] += step * step;
-                }
-            }
+        if (has_feature(&a, f))
+            sum_cell(sum, memory, &a, f, cell, row);
         for (uint k = 0; k < LULL_GRAIN_SUMS; k++)
             pixel_at(memory, a.out, cell, row)[f * LULL_GRAIN_SUMS + k] = (float)sum[k];
     }

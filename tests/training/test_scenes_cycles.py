@@ -19,6 +19,7 @@ needs_bpy = pytest.mark.skipif(
     importlib.util.find_spec("bpy") is None,
     reason="optional: bpy (Blender as a Python module) is not installed")
 FEATURES = ["hdr", "alb", "nrm"]
+SMALL = ["--size", "48x32", "--spp", "1,8", "--ref", "64", "--threads", "2"]
 
 OWN = """
 import sys
@@ -117,7 +118,7 @@ def test_meshes_with_triangles_without_an_area():
 
 @needs_bpy
 def test_procedural_scenes(tmp_path):
-    options = ["--size", "48x32", "--spp", "1,8", "--ref", "64", "--threads", "2"]
+    options = SMALL
     done = start(tmp_path, "--seeds", "9,9000014", *options)
     assert done.returncode == 0, done.stderr
     for name in ("c00009", "c9000014"):
@@ -164,7 +165,7 @@ def test_every_extra_of_a_still_life_can_be_seen():
 
 @needs_bpy
 def test_still_lifes(tmp_path):
-    options = ["--still_lifes", "--size", "48x32", "--spp", "1,8", "--ref", "64", "--threads", "2"]
+    options = ["--still_lifes", *SMALL]
     twice = [tmp_path / k for k in ("a", "b")]
     for out in twice:
         done = start(out, "--seeds", "7,8", *options)

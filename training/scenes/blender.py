@@ -76,26 +76,48 @@ class Material:
         return self
 
 
+def texture(rng: np.random.Generator, pictures: list[np.ndarray], texels: int,
+            kinds: tuple) -> np.ndarray:
+    """One of the pictures, if there are some, or one that is drawn: linear RGB (h, w, 3)."""
+    if pictures and rng.random() < 0.5:
+        return pictures[rng.integers(len(pictures))]
+    return tx.picture(rng, texels, colour, kinds)
+
+
+def shining(bpy, name: str, tint: np.ndarray, strength: float) -> object:
+    """A material that shines, and is black otherwise."""
+    return Material(bpy, name, Base_Color=(0, 0, 0, 1), Specular_IOR_Level=0.0,
+                    Emission_Color=(*tint, 1), Emission_Strength=strength).made
+
+
+def new_sky(bpy) -> object:
+    """The background node of a new sky of the current scene."""
+    world = bpy.data.worlds.new("sky")
+    world.use_nodes = True
+    bpy.context.scene.world = world
+    return world.node_tree.nodes["Background"]
+
+
+def paint_sky(bpy, back, a: np.ndarray) -> None:
+    """Gives such a node the colours of linear RGB (h, w, 3), all around."""
+    tree = back.id_data
+    node = tree.nodes.new("ShaderNodeTexEnvironment")
+    node.image = _image(bpy, "sky", a)
+    tree.links.new(node.outputs["Color"], back.inputs["Color"])
+
+
 def material(bpy, rng: np.random.Generator, slot: str, mesh: Mesh, stage: Stage,
              pictures: list[np.ndarray], texels: int) -> object:
     """What a slot of materials.palette is in Blender, for all of its mesh; texels: along a side of
     textures."""
     rough = float(rng.choice([0.05, 0.2, 0.4, 0.8]))
-
-    def texture(kinds) -> np.ndarray:
-        if pictures and rng.random() < 0.5:
-            return pictures[rng.integers(len(pictures))]
-        return tx.picture(rng, texels, colour, kinds)
-
     if slot in SHINE:
-        m = Material(bpy, slot, Base_Color=(0, 0, 0, 1), Specular_IOR_Level=0.0)
-        m.inputs["Emission Color"].default_value = (*_warm(rng), 1)
-        power = np.exp(rng.uniform(np.log(2), np.log(60)))
-        m.inputs["Emission Strength"].default_value = power / (np.pi * max(mesh.area(), 1e-5))
-        return m.made
+        tint, power = warm(rng), np.exp(rng.uniform(np.log(2), np.log(60)))
+        return shining(bpy, slot, tint, power / (np.pi * max(mesh.area(), 1e-5)))
     if slot in ("floor", "wall") and rng.random() < (1.0 if slot == "floor" else 0.5):
         m = Material(bpy, slot, Roughness=rough if slot == "floor" else 0.9)
-        m.picture(texture(tx.FLOORS if slot == "floor" else tx.PATTERNS),
+        kinds = tx.FLOORS if slot == "floor" else tx.PATTERNS
+        m.picture(texture(rng, pictures, texels, kinds),
                   float(rng.uniform(0.2, 0.8)))
         return m.made
     if slot in ("print", "atlas"):
@@ -112,7 +134,7 @@ def material(bpy, rng: np.random.Generator, slot: str, mesh: Mesh, stage: Stage,
     return m.made
 
 
-def _warm(rng: np.random.Generator) -> np.ndarray:
+def warm(rng: np.random.Generator) -> np.ndarray:
     """Colour of a lamp: white, warm or cold."""
     return np.array([[1, 1, 1], [1, 0.8, 0.55], [0.7, 0.85, 1]][rng.integers(3)], float)
 
@@ -136,7 +158,7 @@ def _object(bpy, name: str, m: Mesh) -> object:
     return made
 
 
-def _look(bpy, made: object, eye, target, up=(0.0, 0.0, 1.0)) -> None:
+def look(bpy, made: object, eye, target, up=(0.0, 0.0, 1.0)) -> None:
     """Turns a camera or a lamp, which look along -z, and adds it to the scene."""
     import mathutils
     z = np.asarray(eye, float) - np.asarray(target, float)
@@ -158,22 +180,17 @@ def furnish(bpy, rng: np.random.Generator, stage: Stage, pictures: list[np.ndarr
         _object(bpy, slot, mesh).data.materials.append(made)
     for k, lamp in enumerate(stage.lamps):
         light = bpy.data.lights.new(f"lamp{k}", "SPOT" if lamp["type"] == "spot" else "POINT")
-        light.energy, light.color = float(lamp["power"]) * 12, _warm(rng)
+        light.energy, light.color = float(lamp["power"]) * 12, warm(rng)
         light.shadow_soft_size = float(rng.choice([0.01, 0.1, 0.3]))
         if lamp["type"] == "spot":
             light.spot_size = float(np.radians(2 * lamp["angle"]))
-        _look(bpy, bpy.data.objects.new(f"lamp{k}", light), lamp["from"],
+        look(bpy, bpy.data.objects.new(f"lamp{k}", light), lamp["from"],
               lamp.get("to", (0, 0, 0)))
-    world = bpy.data.worlds.new("sky")
-    world.use_nodes = True
-    bpy.context.scene.world = world
-    back = world.node_tree.nodes["Background"]
+    back = new_sky(bpy)
     lit = stage.lamps or any(slot in SHINE for slot in meshes)
     if rng.random() < stage.sky or not lit:
-        node = world.node_tree.nodes.new("ShaderNodeTexEnvironment")
-        node.image = _image(bpy, "sky", tx.sky(rng, 512) if rng.random() < 0.9 else
-                            np.ones((2, 4, 3)) * _warm(rng))
-        world.node_tree.links.new(node.outputs["Color"], back.inputs["Color"])
+        paint_sky(bpy, back, tx.sky(rng, 512) if rng.random() < 0.9 else
+                  np.ones((2, 4, 3)) * warm(rng))
         back.inputs["Strength"].default_value = float(np.exp(rng.uniform(-1.5, 1.5)))
     else:
         back.inputs["Color"].default_value = (0, 0, 0, 1)
@@ -201,5 +218,5 @@ def place_camera(bpy, view: View) -> None:
     if view.aperture:
         data.dof.use_dof, data.dof.focus_distance = True, view.focus
         data.dof.aperture_fstop = data.lens / 1000 / (2 * view.aperture)
-    _look(bpy, made, view.eye, view.target, (view.roll, 0.0, 1.0))
+    look(bpy, made, view.eye, view.target, (view.roll, 0.0, 1.0))
     scene.camera = made

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from . import textures as tx
-from .blender import Material, _image, _look, _warm
+from .blender import Material, look, new_sky, paint_sky, shining, texture, warm
 from .furniture import colour
 
 Rng = np.random.Generator
@@ -25,10 +25,7 @@ class Table:
         self.bpy, self.rng, self.pictures = bpy, rng, pictures
         self.scene = bpy.context.scene
         self.is_lit = False        # an extra has brought the light along
-        self.objects: list = []    # all but the floor
-        self.sky = bpy.data.worlds.new("sky")
-        self.sky.use_nodes = True
-        self.scene.world = self.sky
+        self.objects: list = []    # that may move
 
     def between(self, low: float, high: float) -> float:
         return float(self.rng.uniform(low, high))
@@ -39,6 +36,9 @@ class Table:
 
     def place(self, low: float, high: float, side: float = 2.2) -> tuple[float, float, float]:
         return self.between(-side, side), self.between(-side, side), self.between(low, high)
+
+    def shape(self) -> str:
+        return SHAPES[self.rng.integers(len(SHAPES))]
 
     def put(self, kind: str, at, size, material, turned: bool = True):
         """A primitive of this half size, or three of them."""
@@ -60,31 +60,27 @@ class Table:
             "Roughness": self.between(0.05, 0.9), **kinds[rng.integers(len(kinds))],
             "Base_Color": (*colour(rng), 1), **values})
         if rng.random() < 0.3:
-            m.picture(self.pictures[rng.integers(len(self.pictures))] if self.pictures
-                      and rng.random() < 0.5 else tx.picture(rng, 256, colour, tx.PATTERNS),
-                      self.between(0.5, 3))
+            m.picture(texture(rng, self.pictures, 256, tx.PATTERNS), self.between(0.5, 3))
         elif rng.random() < 0.4:
             node = m.nodes.new(NODES[rng.integers(len(NODES))])
             node.inputs["Scale"].default_value = self.power(2, 30)
             m.link(node.outputs["Color"], m.inputs["Base Color"])
         return m
 
-    def glow(self, strength: float, tint=None):
-        """A material that shines and is black otherwise."""
-        tint = self.rng.uniform(0.1, 1, 3) if tint is None else tint
-        return Material(self.bpy, "glow", Base_Color=(0, 0, 0, 1), Specular_IOR_Level=0.0,
-                        Emission_Color=(*tint, 1), Emission_Strength=strength).made
+    def glow(self, strength: float):
+        """A material that shines in any colour."""
+        return shining(self.bpy, "glow", self.rng.uniform(0.1, 1, 3), strength)
 
     def lamp(self, kind: str, energy: float, at, size: float) -> None:
         light = self.bpy.data.lights.new("lamp", kind)
-        light.energy, light.color = energy, _warm(self.rng)
+        light.energy, light.color = energy, warm(self.rng)
         if kind == "AREA":
             light.size = size
         elif kind == "SUN":
             light.angle = size
         else:
             light.shadow_soft_size = size
-        _look(self.bpy, self.bpy.data.objects.new("lamp", light), at,
+        look(self.bpy, self.bpy.data.objects.new("lamp", light), at,
               (self.between(-1, 1), self.between(-1, 1), 0.5))
 
     def lights(self) -> None:
@@ -98,12 +94,9 @@ class Table:
                       self.power(0.05, 2))
 
     def light_sky(self, strength: float) -> None:
-        nodes = self.sky.node_tree.nodes
-        back = nodes["Background"]
+        back = new_sky(self.bpy)
         if self.rng.random() < 0.4:
-            node = nodes.new("ShaderNodeTexEnvironment")
-            node.image = _image(self.bpy, "sky", tx.sky(self.rng, 256))
-            self.sky.node_tree.links.new(node.outputs["Color"], back.inputs["Color"])
+            paint_sky(self.bpy, back, tx.sky(self.rng, 256))
         else:
             back.inputs["Color"].default_value = (*self.rng.uniform(0.2, 1, 3), 1)
         back.inputs["Strength"].default_value = strength
@@ -183,7 +176,7 @@ def glass(t: Table) -> None:
         tint = 1 - 0.6 * t.rng.random(3) ** 3
         m = Material(t.bpy, "glass", Transmission_Weight=1.0, IOR=t.between(1.3, 1.8),
                      Roughness=float(t.rng.choice([0, 0, 0.15])), Base_Color=(*tint, 1)).made
-        t.put(SHAPES[t.rng.integers(len(SHAPES))], t.place(0.2, 1), t.between(0.2, 0.6), m)
+        t.put(t.shape(), t.place(0.2, 1), t.between(0.2, 0.6), m)
 
 
 def beads(t: Table) -> None:
@@ -196,7 +189,7 @@ def beads(t: Table) -> None:
 def wax(t: Table) -> None:
     for _ in range(t.rng.integers(3, 9)):
         m = t.surface(Subsurface_Weight=1.0, Subsurface_Scale=t.between(0.05, 0.5), Metallic=0.0)
-        t.put(SHAPES[t.rng.integers(len(SHAPES))], t.place(0.2, 1), t.between(0.3, 0.6), m.made)
+        t.put(t.shape(), t.place(0.2, 1), t.between(0.3, 0.6), m.made)
 
 
 def signs(t: Table) -> None:
@@ -233,7 +226,7 @@ def cards(t: Table) -> None:
 def bumps(t: Table) -> None:
     for _ in range(t.rng.integers(5, 15)):
         m = t.surface().bumps(t.power(4, 50), t.between(0.3, 1))
-        t.put(SHAPES[t.rng.integers(len(SHAPES))], t.place(0.2, 1.2), t.between(0.2, 0.6), m.made)
+        t.put(t.shape(), t.place(0.2, 1.2), t.between(0.2, 0.6), m.made)
 
 
 def mirrors(t: Table) -> None:
@@ -269,7 +262,7 @@ def arrange(bpy, rng: Rng, pictures: list[np.ndarray]) -> str:
                   turned=False).rotation_euler = (1.57, 0, 1.57)
     surfaces = [t.surface().made for _ in range(rng.integers(3, 9))]
     for _ in range(rng.integers(5, 35)):
-        t.objects.append(t.put(SHAPES[rng.integers(len(SHAPES))], t.place(0.1, 1.6),
+        t.objects.append(t.put(t.shape(), t.place(0.1, 1.6),
                                t.power(0.1, 0.6), surfaces[rng.integers(len(surfaces))]))
     _place_camera(t)
     for extra in extras:
@@ -285,6 +278,6 @@ def _place_camera(t: Table) -> None:
     made, way = t.bpy.data.objects.new("camera", data), t.between(-2.6, -0.5)
     far = t.between(3.5, 6.5)
     eye = far * np.cos(way), far * np.sin(way), t.between(0.6, 3.5)
-    _look(t.bpy, made, eye, (t.between(-0.6, 0.6), t.between(-0.6, 0.6), t.between(0.3, 1)),
+    look(t.bpy, made, eye, (t.between(-0.6, 0.6), t.between(-0.6, 0.6), t.between(0.3, 1)),
           (t.between(-0.1, 0.1), 0, 1))
     t.scene.camera = made
