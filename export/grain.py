@@ -20,6 +20,7 @@ PAIRS = F(4 / 7), F(32 / 49)            # half of a square by pixels, for 7 of 8
 WHITE = F(0.7)                          # of steps by the variance: from here on ...
 AROUND, OWN = F(5), F(4)                # ... to 0.9 of cells around, to 0.95 of one alone
 FLAT, MOST_VARIANCE = F(16), F(1 / 2048)
+REAL = F(1 / 12)                        # what varies so many times as much as the light is texture
 MOST_OF_NORMAL = F(1 / 64)              # of normals, and more of the albedo where these have grain
 PER_CODE = F(1 / 255)
 
@@ -46,9 +47,18 @@ def products(codes: np.ndarray) -> np.ndarray:
                      *np.moveaxis(codes.astype(np.int32), -1, 0), *squares)).astype(F)
 
 
+def light_steps(codes: np.ndarray) -> np.ndarray:
+    """What every pixel adds to the last sum of its cell, float32 [1,H,W]: the square of the step of
+    the light, its code [H,W], to the next pixel of the cell."""
+    steps = np.zeros((1, *codes.shape), F)
+    steps[0, :, :-1] = np.square(np.diff(codes.astype(np.int32)))
+    steps[..., SIDE - 1::SIDE] = 0
+    return steps
+
+
 def shares(sums: np.ndarray, gain: np.float32, most: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Sums [SUMS,H,W] -> how much of the mean stands for the feature, [H,W], and it, [3,H,W], in
-    [0, 1]; most: by the variance, one number or [H,W]."""
+    """Sums [SUMS + 1,H,W], the last that of the light -> how much of the mean stands for the
+    feature, [H,W], and it, [3,H,W], in [0, 1]; most: by the variance, one number or [H,W]."""
     m = F(1) / sums[0]
     mean = sums[1] * m
     variance = sums[2] * m - mean * mean
@@ -57,12 +67,14 @@ def shares(sums: np.ndarray, gain: np.float32, most: np.ndarray) -> tuple[np.nda
     white = (steps * m) * (F(1) / np.maximum(variance, FLAT))
     share = np.clip((white - WHITE) * gain, F(0), F(1))
     share = share * np.clip((variance - FLAT) * most, F(0), F(1))
+    noise = np.maximum((sums[SUMS] * m) * PAIRS[0], F(1))
+    share = share * np.clip(F(2) - (variance * (F(1) / noise)) * REAL, F(0), F(1))
     return share, np.minimum((sums[3:6] * m) * PER_CODE, F(1))
 
 
 def cell_grain(sums: np.ndarray, most: np.ndarray) -> np.ndarray:
-    """Sums of cells [SUMS,H,W] -> share and mean, [4,H,W]: by the cells around each, and where they
-    hold an edge by itself. most: of `shares`."""
+    """Sums of cells [SUMS + 1,H,W] -> share and mean, [4,H,W]: by the cells around each, and where
+    they hold an edge by itself. most: of `shares`."""
     share, mean = shares(windows(sums), AROUND, most)
     own, own_mean = shares(sums, OWN, most)
     own = (F(1) - share) * own
@@ -72,10 +84,10 @@ def cell_grain(sums: np.ndarray, most: np.ndarray) -> np.ndarray:
     return np.concatenate((whole[None], mean + part * (own_mean - mean)))
 
 
-def _found(codes: np.ndarray, most: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Of a feature's codes [H,W,3]: the shares of its cells, and of each pixel the share [H,W,1]
-    and the mean [H,W,3]. most: of `shares`."""
-    cells = cell_grain(cell_sums(products(codes), SIDE), most)
+def _found(codes: np.ndarray, light: np.ndarray, most: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Of a feature's codes [H,W,3] and `light_steps`: the shares of its cells, and of each pixel
+    the share [H,W,1] and the mean [H,W,3]. most: of `shares`."""
+    cells = cell_grain(cell_sums(np.concatenate((products(codes), light)), SIDE), most)
     share, *mean = between_cells(cells, codes.shape[:2], SIDE)
     return cells[0], share[..., None], np.stack(mean, -1)
 
@@ -84,12 +96,12 @@ def without_grain(albedo: np.ndarray | None, normal: np.ndarray | None,
                   codes: np.ndarray) -> tuple[np.ndarray | None, np.ndarray | None]:
     """Albedo (in [0,1], black is white) and normals (in [-1,1]), [H,W,3] or absent, less their
     grain; codes: of the input with it, [H,W,12]."""
-    most = MOST_VARIANCE
+    most, light = MOST_VARIANCE, light_steps(codes[..., 1])
     if normal is not None:
-        of_cells, share, mean = _found(codes[..., 6:9], MOST_OF_NORMAL)
+        of_cells, share, mean = _found(codes[..., 6:9], light, MOST_OF_NORMAL)
         most = MOST_VARIANCE + of_cells * MOST_OF_NORMAL
         normal = normal + share * ((mean * F(2) - F(1)) - normal)
     if albedo is not None:
-        _, share, mean = _found(codes[..., 3:6], most)
+        _, share, mean = _found(codes[..., 3:6], light, most)
         albedo = albedo + share * (mean - albedo)
     return albedo, normal

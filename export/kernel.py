@@ -36,6 +36,7 @@ NO_NORMAL = 128             # code of the normal where there is none
 BILATERAL = "bilateral.scale"    # a tensor of one value: the last steps, a key of LAST_STEPS
 SMOOTH_AND_CORRECT, SMOOTH, ALL_STEPS = 1, 2, 3
 ALONE = 4  # or: none, and the model is for an albedo or normals alone, which stand for normals, too
+CLEAN_AND_SMOOTH = 5
 LOG_TERMS = F(30.6365147), F(-15.4037612), F(10.996752), F(-7.00442797)
 
 
@@ -50,7 +51,8 @@ class LastSteps:
 
 
 LAST_STEPS = {SMOOTH_AND_CORRECT: LastSteps(False, False, True),
-              SMOOTH: LastSteps(False, False, False), ALL_STEPS: LastSteps(True, True, True)}
+              SMOOTH: LastSteps(False, False, False), ALL_STEPS: LastSteps(True, True, True),
+              CLEAN_AND_SMOOTH: LastSteps(True, False, False)}
 
 
 @dataclass(frozen=True)
@@ -168,7 +170,7 @@ def bilateral_of(tensors: Mapping[str, np.ndarray], file: str) -> int:
         return 0
     value = _tensor(tensors, BILATERAL, F, (1,), file)[0]
     if value not in LAST_STEPS and value != ALONE:
-        raise ModelError(f"{file}: {BILATERAL}: {value:g}, known are 1 to {ALONE}")
+        raise ModelError(f"{file}: {BILATERAL}: {value:g}, known are 1 to {max(LAST_STEPS)}")
     return int(value)
 
 
@@ -331,7 +333,7 @@ def run_frame(model: IntTrunk, frame: pixels.Frame, channels: int = 3) -> np.nda
     raggedness = ragged(light, aux["albedo"])
     calm = frame_calm(light, aux["albedo"]) if calm is None else calm
     steps = LAST_STEPS.get(model.bilateral)
-    if steps and steps.cleans:
+    if steps and steps.cleans and not frame.clean_aux:
         aux["albedo"], aux["normal"] = without_grain(aux["albedo"], aux["normal"], codes)
         codes = encode(r, aux["albedo"], aux["normal"], not rule.is_hdr)
     maps = model.maps(padded(codes))

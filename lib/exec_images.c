@@ -154,14 +154,23 @@ static int is_empty_run(const lull_task *t, unsigned x, unsigned y)
     return shows_nothing(albedo, light, t->plan->scale, n);
 }
 
+/* 1 if for certain no pixel is black. */
+static int has_no_black(const float *albedo, unsigned n)
+{
+    int is_above = 1;
+    for (unsigned i = 0; i < 3 * n; i++)
+        is_above &= albedo[i] > 1.17549435e-38f;
+    return is_above;
+}
+
 /* n pixels of the albedo with LULL_EMPTY_ALBEDO for those that show nothing, then in `block`. */
 static const float *mark_empty(const float *albedo, const lull_task *t, float *block, unsigned x,
                                unsigned y, unsigned n)
 {
     const float *light = lull_image_floats(&t->images->color, t->plan->frame.width, x, y);
-    unsigned last;
+    unsigned last = has_no_black(albedo, n) ? n : 0;
 
-    for (unsigned i = 0; i < n; i = last) {
+    for (unsigned i = last; i < n; i = last) {
         unsigned first = i - (x + i) % LULL_EMPTY_RUN, black = i; /* wraps before the block */
         last = lull_min_u(first + LULL_EMPTY_RUN, n);
         while (black < last && !lull_is_black(albedo + 3 * (size_t)black, 1.0f))
@@ -346,7 +355,7 @@ void lull_exec_spread(void *context, unsigned index, unsigned worker)
             normal = lull_exec_aux(t, 2, block + 3 * LULL_BLOCK, x, y - t->base_row, n);
         load_aux(t, albedo, normal, x, y, n);
     }
-    if (plan->model->graph.before && y < plan->frame.height && part.left < right)
+    if (lull_plan_takes_grain(plan) && y < plan->frame.height && part.left < right)
         lull_exec_clean(t, part.left - t->left, y, right - part.left, worker);
 }
 

@@ -60,7 +60,7 @@ static const struct filter_row {
     [LULL_OP_RESIDUAL] = {LULL_CELL_SUMS, {LULL_READS_CELL, LULL_READS_CELL}},
     [LULL_OP_GAINS] = {1, {LULL_READS_6}},
     [LULL_OP_CORRECT] = {3, {LULL_READS_ROW, LULL_READS_16TH}},
-    [LULL_OP_GRAIN_SUMS] = {LULL_GRAINY * LULL_GRAIN_SUMS, {LULL_READS_8}},
+    [LULL_OP_GRAIN_SUMS] = {LULL_GRAIN_ALL_SUMS, {LULL_READS_8}},
     [LULL_OP_GRAIN] = {LULL_GRAINY * LULL_GRAIN_VALUES, {LULL_READS_3}},
     [LULL_OP_ENCODE] = {K_INPUTS, {LULL_READS_ROW, LULL_READS_ROW, LULL_READS_EIGHTH}},
 };
@@ -351,7 +351,7 @@ static unsigned add_second_head(lull_graph *graph, unsigned head, unsigned v)
 }
 
 /* Values of the tensor bilateral.scale, and 0 where there is none. */
-enum { NO_STEPS, SMOOTH_AND_CORRECT, SMOOTH, ALL_STEPS, ALONE };
+enum { NO_STEPS, SMOOTH_AND_CORRECT, SMOOTH, ALL_STEPS, ALONE, CLEAN_AND_SMOOTH };
 
 /* That of a file; NETWORK if it is none. */
 static lull_status read_steps(int *steps, const lull_tza *tza)
@@ -362,7 +362,7 @@ static lull_status read_steps(int *steps, const lull_tza *tza)
     if (!lull_tza_find(tza, "bilateral", ".scale", &tensor))
         return LULL_OK;
     value = has_shape(&tensor, 'f', 1, 0, 0) ? lull_tza_float(&tensor, 0) : 0.0f;
-    while (*steps < ALONE && value != (float)*steps)
+    while (*steps < CLEAN_AND_SMOOTH && value != (float)*steps)
         ++*steps;
     return *steps != NO_STEPS && value == (float)*steps ? LULL_OK : LULL_ERROR_NETWORK;
 }
@@ -522,7 +522,7 @@ lull_status lull_graph_build(lull_graph *graph, const lull_tza *tza)
     if (net->family == LULL_FAMILY_K)
         status = read_steps(&steps, tza);
     graph->is_alone = steps == ALONE;
-    if (steps == ALL_STEPS)
+    if (steps == ALL_STEPS || steps == CLEAN_AND_SMOOTH)
         add_grain(graph);
     if (status == LULL_OK)
         status = add_net(graph, net, tza);

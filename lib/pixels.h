@@ -473,6 +473,9 @@ LULL_INLINE float lull_edge_share(float light, float least, float most, float st
 #define LULL_GRAIN_SUMS (6u + LULL_GRAIN_STEPS) /* of a cell: 1, L, L L, r, g, b, squared steps */
 #define LULL_GRAIN_VALUES 4u /* of a cell: how much of the mean stands for pixels, and the mean */
 #define LULL_GRAINY 2u       /* features that may have it: albedo, then normals */
+#define LULL_GRAIN_LIGHT (LULL_GRAINY * LULL_GRAIN_SUMS) /* the sum after theirs, of the light */
+#define LULL_GRAIN_ALL_SUMS (LULL_GRAIN_LIGHT + 1u)
+#define LULL_GRAIN_LIGHT_CODE 1u /* where the light is in the codes of a pixel: its green */
 #define LULL_GRAIN_ALBEDO 0u
 #define LULL_GRAIN_NORMAL 1u
 #define LULL_GRAIN_STRAIGHT 0.5714286f /* half of a step's square by pixels: 7 pairs of 8, ... */
@@ -481,6 +484,7 @@ LULL_INLINE float lull_edge_share(float light, float least, float most, float st
 #define LULL_GRAIN_AROUND 5.0f
 #define LULL_GRAIN_OWN 4.0f
 #define LULL_GRAIN_FLAT 16.0f
+#define LULL_GRAIN_REAL 0.083333336f /* beyond 12 times the light's variance there is texture */
 #define LULL_GRAIN_MOST 0.00048828125f /* 1 by the variance from which on all may go: of albedo, */
 #define LULL_GRAIN_MOST_OF_NORMAL 0.015625f /* of normals, and more of albedo where these have it */
 
@@ -493,29 +497,35 @@ LULL_INLINE int lull_grain_light(const uint8_t *code)
     return (code[0] + 2 * code[1] + code[2]) >> 2;
 }
 
-/* From sums: the share of the mean in the feature, and the mean, in [0,1]; gain: how fast it grows
- * beyond LULL_GRAIN_WHITE, most: by variance. */
-LULL_INLINE void lull_grain_share(float *cell, const float *sums, float gain, float most)
+/* From sums, also of the light: the share of the mean in the feature, and the mean, in [0,1]; gain:
+ * how fast it grows beyond LULL_GRAIN_WHITE, most: by variance. */
+LULL_INLINE void lull_grain_share(float *cell, const float *sums, float light, float gain,
+                                  float most)
 {
     float m = 1.0f / sums[0], mean = sums[1] * m, v = sums[2] * m - mean * mean;
     float steps = (sums[6] < sums[7] ? sums[6] : sums[7]) * LULL_GRAIN_STRAIGHT;
     float diagonal = (sums[8] < sums[9] ? sums[8] : sums[9]) * LULL_GRAIN_DIAGONAL;
-    float white = 1.0f / (v > LULL_GRAIN_FLAT ? v : LULL_GRAIN_FLAT), much;
+    float white = 1.0f / (v > LULL_GRAIN_FLAT ? v : LULL_GRAIN_FLAT), much, noise, grain;
     white = (((steps < diagonal ? steps : diagonal) * m) * white - LULL_GRAIN_WHITE) * gain;
     much = (v - LULL_GRAIN_FLAT) * most;
     white = white > 0.0f ? white : 0.0f;
     much = much > 0.0f ? much : 0.0f;
-    cell[0] = (white < 1.0f ? white : 1.0f) * (much < 1.0f ? much : 1.0f);
+    noise = (light * m) * LULL_GRAIN_STRAIGHT;
+    grain = 2.0f - (v * (1.0f / (noise > 1.0f ? noise : 1.0f))) * LULL_GRAIN_REAL;
+    grain = grain > 0.0f ? grain : 0.0f;
+    cell[0] = ((white < 1.0f ? white : 1.0f) * (much < 1.0f ? much : 1.0f)) *
+              (grain < 1.0f ? grain : 1.0f);
     for (int c = 0; c < 3; c++)
         cell[1 + c] = lull_sane((sums[3 + c] * m) * (1.0f / 255.0f), 1.0f, 0.0f, 1.0f);
 }
 
-/* The same of a cell, from sums over it and those around it, and over itself. */
-LULL_INLINE void lull_grain(float *cell, const float *around, const float *own, float most)
+/* The same of a cell, from sums over it and those around it, and over itself; light: likewise. */
+LULL_INLINE void lull_grain(float *cell, const float *around, const float *own,
+                            const float light[2], float most)
 {
     float other[LULL_GRAIN_VALUES], whole, part;
-    lull_grain_share(cell, around, LULL_GRAIN_AROUND, most);
-    lull_grain_share(other, own, LULL_GRAIN_OWN, most);
+    lull_grain_share(cell, around, light[0], LULL_GRAIN_AROUND, most);
+    lull_grain_share(other, own, light[1], LULL_GRAIN_OWN, most);
     other[0] = (1.0f - cell[0]) * other[0];
     whole = cell[0] + other[0];
     part = whole > 0.0f ? other[0] * (1.0f / whole) : 0.0f;

@@ -108,10 +108,16 @@ size_t lull_plan_plane(const lull_plan *plan, unsigned tensor);
 /* Bytes of all channels of a pixel of a tensor. */
 size_t lull_plan_pixel(const lull_plan *plan, unsigned tensor);
 
+/* 1 if a frame has this feature, LULL_GRAIN_ALBEDO or _NORMAL, and not as its main image. */
+int lull_plan_has_feature(const lull_plan *plan, unsigned feature);
+
 /* 1 if the model's network makes this tensor. */
 int lull_plan_has(const lull_plan *plan, unsigned tensor);
 
-/* 1 if layer l works on an albedo that this frame lacks: its turns do nothing. */
+/* 1 if grain is taken out of the frame's features. */
+int lull_plan_takes_grain(const lull_plan *plan);
+
+/* 1 if layer l is for the grain of features, and none is taken out: its turns do nothing. */
 int lull_plan_is_idle(const lull_plan *plan, unsigned l);
 
 /* 1 if layer l is the first to need the tensors made of auxiliary images. */

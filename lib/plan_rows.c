@@ -43,6 +43,13 @@ static unsigned rows_needed(lull_reads reads, unsigned row)
     return row > above[reads] ? row - above[reads] : 0;
 }
 
+int lull_plan_has_feature(const lull_plan *plan, unsigned feature)
+{
+    if (feature == LULL_GRAIN_ALBEDO)
+        return !(~plan->frame.features & 3u);
+    return plan->frame.features & 4u && plan->frame.features & 3u;
+}
+
 int lull_plan_has(const lull_plan *plan, unsigned tensor)
 {
     const lull_graph *graph = &plan->model->graph;
@@ -51,12 +58,13 @@ int lull_plan_has(const lull_plan *plan, unsigned tensor)
     if (graph->family != LULL_FAMILY_K)
         return tensor == LULL_TENSOR_AUX && graph->aux;
     if (tensor == LULL_TENSOR_ALBEDO)
-        return !(~plan->frame.features & 3u);
+        return lull_plan_has_feature(plan, LULL_GRAIN_ALBEDO);
     if (tensor == LULL_TENSOR_GUIDE)
         return lull_graph_find(graph, LULL_OP_BILATERAL) != LULL_TENSOR_NONE;
-    if (tensor == LULL_TENSOR_NORMAL) /* not as the main image */
-        return plan->frame.features & 4u && plan->frame.features & 3u &&
-               lull_graph_find(graph, LULL_OP_FACE) != LULL_TENSOR_NONE;
+    if (tensor == LULL_TENSOR_NORMAL)
+        return lull_plan_has_feature(plan, LULL_GRAIN_NORMAL) &&
+               ((plan->keeps_rows && lull_plan_takes_grain(plan)) ||
+                lull_graph_find(graph, LULL_OP_FACE) != LULL_TENSOR_NONE);
     return (int)plan->keeps_rows;
 }
 
@@ -79,10 +87,16 @@ void lull_plan_restart(lull_plan *plan)
     plan->stored = 0;
 }
 
+int lull_plan_takes_grain(const lull_plan *plan)
+{
+    return plan->model->graph.before && !plan->frame.clean_aux &&
+           (lull_plan_has_feature(plan, LULL_GRAIN_ALBEDO) ||
+            lull_plan_has_feature(plan, LULL_GRAIN_NORMAL));
+}
+
 int lull_plan_is_idle(const lull_plan *plan, unsigned l)
 {
-    return l < plan->model->graph.before && !lull_plan_has(plan, LULL_TENSOR_ALBEDO) &&
-           !lull_plan_has(plan, LULL_TENSOR_NORMAL);
+    return l < plan->model->graph.before && !lull_plan_takes_grain(plan);
 }
 
 int lull_plan_brings(const lull_plan *plan, unsigned l)
@@ -170,6 +184,8 @@ unsigned lull_plan_alive(const lull_plan *plan, unsigned tensor)
     /* what the output is made of */
     if (tensor == mixed_by || (tensor == LULL_TENSOR_RADIANCE && mixed_by != LULL_TENSOR_NONE))
         needed = lull_min_u(needed, plan->stored);
+    if (tensor == LULL_TENSOR_NORMAL && plan->keeps_rows) /* what the input's grain is taken of */
+        needed = lull_min_u(needed, lull_plan_done(plan, graph->input));
     if (tensor == graph->layers || tensor == lull_graph_find(graph, LULL_OP_SMOOTH))
         needed = lull_min_u(needed, lull_max_u(plan->stored, above) - above);
     return lull_plan_done(plan, tensor) - needed;

@@ -6,8 +6,8 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from export.grain import (AROUND, FLAT, MOST_OF_NORMAL, MOST_VARIANCE, OWN, PAIRS, PER_CODE, SIDE,
-                          STEPS, WHITE)
+from export.grain import (AROUND, FLAT, MOST_OF_NORMAL, MOST_VARIANCE, OWN, PAIRS, PER_CODE, REAL,
+                          SIDE, STEPS, SUMS, WHITE)
 from training.cells import between, cell_means
 from training.kernel_filter import planar
 from training.regression import windows
@@ -31,9 +31,16 @@ def products(codes: Tensor, here: Tensor) -> Tensor:
     return torch.cat((torch.ones_like(light), light, light.square(), codes, *squares), 1) * here
 
 
+def light_steps(codes: Tensor, here: Tensor) -> Tensor:
+    """export.grain.light_steps of tensors: the light's codes [N,1,H,W] -> squares, alike."""
+    steps = F.pad(codes.diff().square() * here[..., 1:], (0, 1)) * here
+    steps[..., SIDE - 1::SIDE] = 0.0
+    return steps
+
+
 def shares(sums: Tensor, gain: float, most: Tensor | float) -> tuple[Tensor, Tensor]:
-    """export.grain.shares of tensors, [N,SUMS,H,W] -> [N,1,H,W] and [N,3,H,W]; most: or
-    [N,1,H,W]."""
+    """export.grain.shares of tensors, [N,SUMS + 1,H,W] -> [N,1,H,W] and [N,3,H,W];
+    most: or [N,1,H,W]."""
     m = 1.0 / sums[:, :1].clamp(min=1.0 / SIDE**2)
     mean = sums[:, 1:2] * m
     variance = sums[:, 2:3] * m - mean * mean
@@ -42,11 +49,13 @@ def shares(sums: Tensor, gain: float, most: Tensor | float) -> tuple[Tensor, Ten
     white = (steps * m) * (1.0 / variance.clamp(min=float(FLAT)))
     share = ((white - float(WHITE)) * gain).clamp(0.0, 1.0)
     share = share * ((variance - float(FLAT)) * most).clamp(0.0, 1.0)
+    noise = ((sums[:, SUMS:] * m) * float(PAIRS[0])).clamp(min=1.0)
+    share = share * (2.0 - (variance / noise) * float(REAL)).clamp(0.0, 1.0)
     return share, ((sums[:, 3:6] * m) * float(PER_CODE)).clamp(max=1.0)
 
 
 def cell_grain(sums: Tensor, most: Tensor | float) -> Tensor:
-    """export.grain.cell_grain of tensors, [N,SUMS,H,W] -> [N,4,H,W]."""
+    """export.grain.cell_grain of tensors, [N,SUMS + 1,H,W] -> [N,4,H,W]."""
     share, mean = shares(windows(sums), float(AROUND), most)
     own, own_mean = shares(sums, float(OWN), most)
     own = (1.0 - share) * own
@@ -54,23 +63,25 @@ def cell_grain(sums: Tensor, most: Tensor | float) -> Tensor:
     return torch.cat((whole, mean + own / whole.clamp(min=1e-12) * (own_mean - mean)), 1)
 
 
-def _cleaned(feature: Tensor, here: Tensor, most: Tensor | float) -> tuple[Tensor, Tensor]:
+def _cleaned(feature: Tensor, here: Tensor, light: Tensor,
+             most: Tensor | float) -> tuple[Tensor, Tensor]:
     """A feature [N,3,H,W] in [0,1] less its grain, and the shares of its cells."""
-    feature, here = planar(feature), planar(here)
+    feature, here, light = planar(feature), planar(here), planar(light)
     with torch.no_grad():
         codes = (feature.clamp(0.0, 1.0) * 255.0 + 0.5).floor()  # as export.smooth.to_code
-        cells = cell_grain(cell_means(products(codes, here), SIDE), most)
+        sums = torch.cat((products(codes, here), light_steps(light, here)), 1)
+        cells = cell_grain(cell_means(sums, SIDE), most)
         share, mean = between(cells, feature.shape, SIDE).split((1, 3), 1)
         share = share * here
     return feature + share * (mean - feature), cells[:, :1]
 
 
-def without_grain(x: Tensor) -> Tensor:
-    """export.grain.without_grain of the planes of `kernel_model.planes`, [N,12,H,W]: where a flag
-    is 0 the feature stays as it is and counts for nothing. Gradients pass to features as if shares
-    and means were constants."""
+def without_grain(x: Tensor, light: Tensor) -> Tensor:
+    """export.grain.without_grain of the planes of `kernel_model.planes`, [N,12,H,W], and the code
+    of the light, number 1 of the input, [N,1,H,W]: where a flag is 0 the feature stays as it is and
+    counts for nothing. Gradients pass to features as if shares and means were constants."""
     has_albedo, has_normal = x[:, 9:10], x[:, 10:11]
-    normal, share = _cleaned(x[:, 6:9], has_normal, float(MOST_OF_NORMAL))
-    albedo, _ = _cleaned(x[:, 3:6], has_albedo,
+    normal, share = _cleaned(x[:, 6:9], has_normal, light, float(MOST_OF_NORMAL))
+    albedo, _ = _cleaned(x[:, 3:6], has_albedo, light,
                          float(MOST_VARIANCE) + share * float(MOST_OF_NORMAL))
     return torch.cat((x[:, :3], albedo, normal, x[:, 9:]), 1)

@@ -62,7 +62,7 @@ def run(trunk: Callable[[Tensor], list[Tensor]], transfer: str, x: Tensor,
     albedo = x[:, 3:6]
     steps = LAST_STEPS.get(bilateral)
     if steps and steps.cleans:
-        x = without_grain(x)
+        x = without_grain(x, (given[:, 1:2].to(x.dtype) * 255.0).round().detach())
         codes = encode(radiance, x, kind)
     heads = padded_heads(trunk, codes)
     out, smooth, noise = apply_filter(heads, radiance, x[:, 3:6], x[:, 9:10])

@@ -203,14 +203,22 @@ static unsigned tap_columns(const lull_layer *layer, unsigned s)
     return layer->op == LULL_OP_HEAD ? 1 : s == 0 && lull_layer_is_up(layer) ? 2 : 3;
 }
 
+/* 1 if grain is taken out of albedo or normals. */
+static int takes_grain(const lull_cl_schedule *s)
+{
+    return s->graph->before && s->flags & LULL_CL_FEATURES && !(s->flags & LULL_CL_CLEAN);
+}
+
 /* 1 if a layer has nothing to work on: without normals none are filtered, and without albedo, too,
- * there is no grain and no regression. */
+ * there is no regression. */
 static int is_left_out(const lull_cl_schedule *s, const lull_layer *layer)
 {
+    if (layer < s->graph->layer + s->graph->before)
+        return !takes_grain(s);
     if (layer->op == LULL_OP_FACE)
         return !(s->flags & LULL_CL_NORMAL);
-    return (layer < s->graph->layer + s->graph->before || layer->op == LULL_OP_FIT_SUMS ||
-            layer->op == LULL_OP_FIT || layer->op == LULL_OP_REGRESS) &&
+    return (layer->op == LULL_OP_FIT_SUMS || layer->op == LULL_OP_FIT ||
+            layer->op == LULL_OP_REGRESS) &&
            !(s->flags & LULL_CL_FEATURES);
 }
 
@@ -381,7 +389,8 @@ static void add_inputs(lull_cl_schedule *s)
     cover_border(add_filter(s, LULL_CL_encode, LULL_TENSOR_INPUT, 0, all));
     if (s->flags & LULL_CL_ALBEDO)
         add_filter(s, LULL_CL_spread, LULL_TENSOR_ALBEDO, 0, aux);
-    if (s->flags & LULL_CL_NORMAL && lull_graph_find(s->graph, LULL_OP_FACE) != CL_NONE)
+    if (s->flags & LULL_CL_NORMAL &&
+        (takes_grain(s) || lull_graph_find(s->graph, LULL_OP_FACE) != CL_NONE))
         add_filter(s, LULL_CL_spread_normal, LULL_TENSOR_NORMAL, 0, facing);
     if (lull_graph_find(s->graph, LULL_OP_BILATERAL) != CL_NONE)
         add_filter(s, LULL_CL_guide, LULL_TENSOR_GUIDE, 0, aux);

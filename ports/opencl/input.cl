@@ -189,8 +189,22 @@ static void sum_cell(int *sum, __global uchar *memory, const lull_cl_filter *a, 
         }
 }
 
-/* out: LULL_GRAIN_SUMS sums of cells for each feature, whole numbers; source: the network's
- * input. */
+/* The sum of squared steps of the light in a cell. */
+static int sum_light(__global uchar *memory, const lull_cl_filter *a, int cell, int row)
+{
+    const int side = LULL_GRAIN_SIDE;
+    int last = min((cell + 1) * side, a->inside_width) - 1;
+    int bottom = min((row + 1) * side, a->inside_height), sum = 0;
+    for (int y = row * side; y < bottom; y++)
+        for (int x = cell * side; x < last; x++) {
+            int step = bytes_at(memory, a->source[0], x + 1, y)[LULL_GRAIN_LIGHT_CODE] -
+                       bytes_at(memory, a->source[0], x, y)[LULL_GRAIN_LIGHT_CODE];
+            sum += step * step;
+        }
+    return sum;
+}
+
+/* out: LULL_GRAIN_ALL_SUMS sums of cells, whole numbers; source: the network's input. */
 KERNEL_OF_PIXELS grain_sums(__global uchar *memory, __global const uchar *model, lull_cl_filter a)
 {
     int cell = get_global_id(0), row = get_global_id(1);
@@ -204,6 +218,8 @@ KERNEL_OF_PIXELS grain_sums(__global uchar *memory, __global const uchar *model,
         for (uint k = 0; k < LULL_GRAIN_SUMS; k++)
             pixel_at(memory, a.out, cell, row)[f * LULL_GRAIN_SUMS + k] = (float)sum[k];
     }
+    pixel_at(memory, a.out, cell, row)[LULL_GRAIN_LIGHT] =
+        (float)sum_light(memory, &a, cell, row);
 }
 
 /* Puts LULL_GRAIN_VALUES of a feature of a cell. */
@@ -211,13 +227,16 @@ static void put_grain(__global uchar *memory, const lull_cl_filter *a, uint feat
                       float most)
 {
     float around[LULL_GRAIN_SUMS], own[LULL_GRAIN_SUMS], cell[LULL_GRAIN_VALUES] = {0.0f};
+    float light[2];
     __global float *to = pixel_at(memory, a->out, x, y) + feature * LULL_GRAIN_VALUES;
     for (uint k = 0; k < LULL_GRAIN_SUMS; k++) {
         around[k] = sum_around(memory, a, x, y, feature * LULL_GRAIN_SUMS + k);
         own[k] = sum_at(memory, a, x, y, feature * LULL_GRAIN_SUMS + k);
     }
+    light[0] = sum_around(memory, a, x, y, LULL_GRAIN_LIGHT);
+    light[1] = sum_at(memory, a, x, y, LULL_GRAIN_LIGHT);
     if (has_feature(a, feature))
-        lull_grain(cell, around, own, most);
+        lull_grain(cell, around, own, light, most);
     for (uint c = 0; c < LULL_GRAIN_VALUES; c++)
         to[c] = cell[c];
 }

@@ -36,7 +36,7 @@ def test_there_and_back(work):
     assert again.read_bytes() == SMOOTHS.read_bytes()
 
 
-@pytest.mark.parametrize("option", ([], ["--correct"], ["--smooth"], ["--off"]))
+@pytest.mark.parametrize("option", ([], ["--correct"], ["--smooth"], ["--clean"], ["--off"]))
 @pytest.mark.parametrize("width,height,features", (
     (1500, 23, ("color", "albedo", "normal")), (70, 150, ("color", "albedo")),
     (33, 40, ("color", "normal")), (21, 3, ("color",)),
@@ -65,7 +65,7 @@ def test_it_changes_the_picture():
 
 def test_other_values_are_refused(build, work):
     path = work / "weights.tza"
-    write_tensors(path, dict(Reader(SMOOTHS)) | {kernel.BILATERAL: np.full(1, 5, np.float32)})
+    write_tensors(path, dict(Reader(SMOOTHS)) | {kernel.BILATERAL: np.full(1, 6, np.float32)})
     with pytest.raises(ModelError, match=kernel.BILATERAL):
         kernel.load(path)
     write_pfm(work / "color.pfm", noisy(16, 1, 1)["color"])

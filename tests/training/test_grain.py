@@ -9,6 +9,8 @@ import pytest
 import torch
 
 from export import grain, kernel, pixels
+from export.quantize import write_tensors
+from export.quantize_kernel import tensors_of
 from tests.training.tools import in_both
 from training import kernel_model, nets
 from training.grain import without_grain
@@ -19,14 +21,21 @@ INSIDE = np.s_[16:-16, 16:-16]  # where windows see no border
 SIZES = ((64, 80), (37, 45), (8, 8), (9, 7), (1, 30), (30, 1), (1, 1))
 
 
-def without(albedo: np.ndarray | None, normal: np.ndarray | None) -> tuple:
+def noisy_light(height: int, width: int, noise: int = 110) -> np.ndarray:
+    """Codes [H,W] of the light, which differ by up to `noise`."""
+    return np.random.default_rng(6).integers(100, 101 + noise, (height, width)).astype(np.uint8)
+
+
+def without(albedo: np.ndarray | None, normal: np.ndarray | None, noise: int = 110) -> tuple:
     """The reference's, of features [H,W,3], the albedo without black pixels."""
     one = np.ones_like(normal if albedo is None else albedo)
-    return grain.without_grain(albedo, normal, kernel.encode(one, albedo, normal, False))
+    codes = kernel.encode(one, albedo, normal, False)
+    codes[..., 1] = noisy_light(*one.shape[:2], noise)
+    return grain.without_grain(albedo, normal, codes)
 
 
-def cleaned(albedo: np.ndarray) -> np.ndarray:
-    return without(albedo, None)[0]
+def cleaned(albedo: np.ndarray, noise: int = 110) -> np.ndarray:
+    return without(albedo, None, noise)[0]
 
 
 def planes(albedo: np.ndarray | None, normal: np.ndarray | None) -> torch.Tensor:
@@ -39,9 +48,14 @@ def planes(albedo: np.ndarray | None, normal: np.ndarray | None) -> torch.Tensor
     return x
 
 
-def in_pytorch(albedo: np.ndarray) -> np.ndarray:
+def of_planes(x: torch.Tensor, noise: int = 110) -> torch.Tensor:
+    light = torch.from_numpy(noisy_light(*x.shape[2:], noise)).to(x.dtype)
+    return without_grain(x, light.expand(len(x), 1, -1, -1))
+
+
+def in_pytorch(albedo: np.ndarray, noise: int = 110) -> np.ndarray:
     """`cleaned` in PyTorch."""
-    return without_grain(planes(albedo, None))[0, 3:6].numpy().transpose(1, 2, 0)
+    return of_planes(planes(albedo, None), noise)[0, 3:6].numpy().transpose(1, 2, 0)
 
 
 def salt(height: int, width: int, seed: int = 1, share: float = 0.5) -> np.ndarray:
@@ -136,6 +150,16 @@ def test_grain_beside_a_texture_leaves_the_texture_alone():
     assert out[INSIDE][:, :56].std() < albedo[INSIDE][:, :56].std() / 3
 
 
+def test_what_varies_much_more_than_the_light_is_texture():
+    """Of many samples, where the light has little noise: neither features have much."""
+    albedo, normal = salt(96, 96), tilted(salt(96, 96, 2)[..., :1] > 0.5)
+    for noise in (0, 6, 12):
+        out = without(albedo, normal, noise)
+        assert np.array_equal(out[0], albedo) and np.array_equal(out[1], normal)
+    some, all_of_it = (np.abs(cleaned(albedo, n) - albedo)[INSIDE].mean() for n in (71, 110))
+    assert 0.2 * all_of_it < some < 0.8 * all_of_it
+
+
 def test_normals_lose_grain_and_keep_edges():
     grainy = tilted(salt(96, 96)[..., :1] > 0.5)
     sharp = np.repeat(tilted(squares(7)[..., :1] > 0.5), 2, 1)
@@ -173,7 +197,7 @@ def test_normals_in_pytorch_equal_numpy(height, width):
                    tilted(salt(height, width)[..., :1] > 0.5)):
         normal = np.clip(normal, -1, 1).astype(np.float32)
         for albedo in (None, half_grainy(height, width)):
-            got = without_grain(planes(albedo, normal))[0].numpy().transpose(1, 2, 0)
+            got = of_planes(planes(albedo, normal))[0].numpy().transpose(1, 2, 0)
             want = without(albedo, normal)
             np.testing.assert_allclose(got[..., 6:9] * 2 - 1, want[1], atol=4e-6)
             if albedo is not None:
@@ -184,7 +208,8 @@ def test_all_degrees_of_grain_are_compared():
     """That what is compared here has shares of nothing, all and between."""
     albedo = half_grainy(64, 320)
     codes = kernel.encode(albedo, albedo, None, False)[..., 3:6]
-    sums = grain.cell_sums(grain.products(codes), grain.SIDE)
+    products = np.concatenate((grain.products(codes), grain.light_steps(noisy_light(64, 320))))
+    sums = grain.cell_sums(products, grain.SIDE)
     cells = grain.cell_grain(sums, grain.MOST_VARIANCE)
     assert (cells[0] == 0).any() and (cells[0] == 1).any() and len(np.unique(cells[0])) > 10
     np.testing.assert_allclose(in_pytorch(albedo), cleaned(albedo), atol=2e-6)
@@ -200,7 +225,7 @@ def test_what_has_no_albedo_is_left_alone_and_counts_for_nothing():
         batch[k, 3:6, :a.shape[0], :a.shape[1]] = torch.from_numpy(a.transpose(2, 0, 1).copy())
     batch[0, 9], batch[2, 9, :27, :35] = 1, 1
     batch[:, 6:9] = torch.rand(3, 3, 40, 48)
-    out = without_grain(batch)
+    out = of_planes(batch)
     assert torch.equal(out[1], batch[1]) and torch.equal(out[:, 6:], batch[:, 6:])
     assert (out[2, 3:6, 27:] == 0).all() and (out[2, 3:6, :, 35:] == 0).all()
     for k in (0, 2):
@@ -212,8 +237,8 @@ def test_what_has_no_albedo_is_left_alone_and_counts_for_nothing():
 def test_half_precision_around_it_changes_nothing():
     x = planes(half_grainy(32, 96), half_grainy(32, 96) - 0.5)
     with torch.autocast("cpu", torch.bfloat16):
-        got = without_grain(x)
-    assert got.dtype == torch.float32 and torch.equal(got, without_grain(x))
+        got = of_planes(x)
+    assert got.dtype == torch.float32 and torch.equal(got, of_planes(x))
 
 
 @pytest.mark.parametrize("height, width", [(37, 45), (16, 33), (21, 19), (11, 9)])
@@ -227,7 +252,7 @@ def test_integers_in_pytorch_equal_the_reference(height, width, monkeypatch):
 
 
 @pytest.mark.parametrize("bilateral", [0, *kernel.LAST_STEPS])
-def test_models_with_all_steps_see_the_albedo_without_grain(bilateral, monkeypatch):
+def test_models_that_ask_for_it_see_the_albedo_without_grain(bilateral, monkeypatch):
     """One without the rule that gets it clean sees what one with it sees; not so the guide, which
     is that of the albedo as it is where there are no normals (here those are smooth)."""
     torch.manual_seed(1)
@@ -238,21 +263,25 @@ def test_models_with_all_steps_see_the_albedo_without_grain(bilateral, monkeypat
     albedo = salt(64, 64)
     x[:, 3:6] = torch.from_numpy(albedo.transpose(2, 0, 1).copy())
     x[:, 6:9] = torch.linspace(0.2, 0.8, 64)
-    clean = without_grain(x)
+    x[:, :3] = torch.rand(1, 1, 64, 64)
+    light = kernel_model.encode(kernel_model.from_codes(model.transfer, x[:, :3]), x, x.dtype)
+    clean = without_grain(x, (light[:, 1:2] * 255).round())
     assert not torch.equal(clean, x)
     with torch.no_grad():
         seen = model(x)
         x[:, 10] = 0
         alone = model(x)
-        monkeypatch.setattr("training.kernel_model.without_grain", lambda x: x)
-        assert torch.equal(seen, model(clean)) == (bilateral == kernel.ALL_STEPS)
+        monkeypatch.setattr("training.kernel_model.without_grain", lambda x, light: x)
+        assert torch.equal(seen, model(clean)) == (
+            bilateral in (kernel.ALL_STEPS, kernel.CLEAN_AND_SMOOTH))
         clean[:, 10] = 0
         assert not torch.equal(alone, model(clean))
 
 
 @pytest.mark.parametrize("features", [("albedo", "normal"), ("albedo",), ("normal",)])
+@pytest.mark.parametrize("steps", [kernel.ALL_STEPS, kernel.CLEAN_AND_SMOOTH])
 @pytest.mark.parametrize("height, width", [(19, 1500), (90, 300), (300, 90)])
-def test_the_program_gives_the_bytes_of_numpy(height, width, features, build, work):
+def test_the_program_gives_the_bytes_of_numpy(height, width, features, steps, build, work):
     program = build / "bin" / "oidnDenoise"
     if not program.exists():
         pytest.skip("optional: the programs are not built")
@@ -266,12 +295,31 @@ def test_the_program_gives_the_bytes_of_numpy(height, width, features, build, wo
         if name in images:
             write_pfm(Path(f"{name}.pfm"), images[name])
             arguments += [option, f"{name}.pfm"]
-    want = kernel.run_frame(kernel.load(GOLDEN), pixels.Frame(images, "hdr", 1.0))
-    for more in ([], ["--maxmem", "4"], ["--threads", "3"]):
-        subprocess.run([program, "-w", GOLDEN, "-o", "out.pfm", "--is", "1", *arguments, *more],
-                       check=True, capture_output=True)
+    model = kernel.load(GOLDEN)
+    model.bilateral = steps
+    write_tensors("weights.tza", tensors_of(model))
+    want, clean = (kernel.run_frame(model, pixels.Frame(images, "hdr", 1.0, clean_aux=c))
+                   for c in (False, True))
+    assert not np.array_equal(want, clean)
+    for more in ([], ["--maxmem", "4"], ["--threads", "3"], ["--inplace"], ["--clean_aux"],
+                 ["--clean_aux", "--inplace"]):
+        subprocess.run([program, "-w", "weights.tza", "-o", "out.pfm", "--is", "1", *arguments,
+                        *more], check=True, capture_output=True)
         got = read_image(Path("out.pfm"))
-        assert (got.view(np.uint32) == want.view(np.uint32)).all(), more
+        expected = clean if "--clean_aux" in more else want
+        assert (got.view(np.uint32) == expected.view(np.uint32)).all(), more
+
+
+def test_features_without_noise_keep_all_they_have(monkeypatch):
+    albedo = half_grainy(40, 60)
+    images = {"color": albedo * np.random.default_rng(1).gamma(1, 1, (40, 60, 1)).astype("f4"),
+              "albedo": albedo, "normal": tilted(salt(40, 60)[..., :1] > 0.5)}
+    model = kernel.load(GOLDEN)
+    clean, noisy = (kernel.run_frame(model, pixels.Frame(images, "hdr", 1.0, clean_aux=c))
+                    for c in (True, False))
+    monkeypatch.setattr(kernel, "without_grain", lambda albedo, normal, codes: (albedo, normal))
+    assert np.array_equal(clean, kernel.run_frame(model, pixels.Frame(images, "hdr", 1.0)))
+    assert not np.array_equal(clean, noisy)
 
 
 def test_gradients_pass_to_features():
