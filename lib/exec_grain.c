@@ -143,7 +143,7 @@ LULL_NOINLINE static float sum_around(const float *const rows[3], size_t at)
 
 /* LULL_GRAIN_VALUES of a feature of cell x, of three rows of sums in planes. */
 static void find_in_cell(float *cell, const float *const rows[3], size_t plane, unsigned feature,
-                         unsigned x, float most)
+                         unsigned x, float part)
 {
     const size_t lit = LULL_GRAIN_LIGHT * plane + x;
     const float light[2] = {sum_around(rows, lit), rows[1][lit]};
@@ -153,7 +153,7 @@ static void find_in_cell(float *cell, const float *const rows[3], size_t plane, 
         around[k] = sum_around(rows, at);
         own[k] = rows[1][at];
     }
-    lull_grain(cell, around, own, light, most);
+    lull_grain(cell, around, own, light, part);
 }
 
 void lull_exec_find_grain(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker)
@@ -174,9 +174,9 @@ void lull_exec_find_grain(const lull_task *t, unsigned x, unsigned y, unsigned n
         float *normal = cell + LULL_GRAIN_NORMAL * LULL_GRAIN_VALUES;
         float *out = lull_exec_floats(plan, t->layer + 1, y, x);
         if (lull_plan_has_feature(plan, LULL_GRAIN_NORMAL))
-            find_in_cell(normal, rows, from, LULL_GRAIN_NORMAL, x, LULL_GRAIN_MOST_OF_NORMAL);
+            find_in_cell(normal, rows, from, LULL_GRAIN_NORMAL, x, LULL_GRAIN_OF_NORMAL);
         if (lull_plan_has_feature(plan, LULL_GRAIN_ALBEDO))
-            find_in_cell(cell, rows, from, LULL_GRAIN_ALBEDO, x, lull_grain_most(normal[0]));
+            find_in_cell(cell, rows, from, LULL_GRAIN_ALBEDO, x, lull_grain_of_albedo(normal[0]));
         for (unsigned c = 0; c < LULL_GRAINY * LULL_GRAIN_VALUES; c++)
             out[c * plane] = cell[c];
     }

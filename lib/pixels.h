@@ -480,13 +480,14 @@ LULL_INLINE float lull_edge_share(float light, float least, float most, float st
 #define LULL_GRAIN_NORMAL 1u
 #define LULL_GRAIN_STRAIGHT 0.5714286f /* half of a step's square by pixels: 7 pairs of 8, ... */
 #define LULL_GRAIN_DIAGONAL 0.6530612f /* ... 49 of 64 */
-#define LULL_GRAIN_WHITE 0.7f
+#define LULL_GRAIN_WHITE 0.6f
+#define LULL_GRAIN_WHITER 0.015625f /* more of it, by the variance in that of the light */
 #define LULL_GRAIN_AROUND 5.0f
 #define LULL_GRAIN_OWN 4.0f
 #define LULL_GRAIN_FLAT 16.0f
 #define LULL_GRAIN_REAL 0.083333336f /* beyond 12 times the light's variance there is texture */
-#define LULL_GRAIN_MOST 0.00048828125f /* 1 by the variance from which on all may go: of albedo, */
-#define LULL_GRAIN_MOST_OF_NORMAL 0.015625f /* of normals, and more of albedo where these have it */
+#define LULL_GRAIN_MOST 0.015625f /* 1 by the variance from which on all may go */
+#define LULL_GRAIN_OF_NORMAL 0.25f /* of how much more normals vary than the light what counts */
 
 /* Where the codes of a feature are, in those of a pixel. */
 LULL_INLINE unsigned lull_grain_codes(unsigned feature) { return 3u + 3u * feature; }
@@ -498,20 +499,22 @@ LULL_INLINE int lull_grain_light(const uint8_t *code)
 }
 
 /* From sums, also of the light: the share of the mean in the feature, and the mean, in [0,1]; gain:
- * how fast it grows beyond LULL_GRAIN_WHITE, most: by variance. */
+ * how fast it grows with whiteness, part: of how much more it varies than the light what counts. */
 LULL_INLINE void lull_grain_share(float *cell, const float *sums, float light, float gain,
-                                  float most)
+                                  float part)
 {
     float m = 1.0f / sums[0], mean = sums[1] * m, v = sums[2] * m - mean * mean;
     float steps = (sums[6] < sums[7] ? sums[6] : sums[7]) * LULL_GRAIN_STRAIGHT;
     float diagonal = (sums[8] < sums[9] ? sums[8] : sums[9]) * LULL_GRAIN_DIAGONAL;
-    float white = 1.0f / (v > LULL_GRAIN_FLAT ? v : LULL_GRAIN_FLAT), much, noise, grain;
-    white = (((steps < diagonal ? steps : diagonal) * m) * white - LULL_GRAIN_WHITE) * gain;
-    much = (v - LULL_GRAIN_FLAT) * most;
+    float white = 1.0f / (v > LULL_GRAIN_FLAT ? v : LULL_GRAIN_FLAT), much, noise, ratio, grain;
+    noise = (light * m) * LULL_GRAIN_STRAIGHT;
+    ratio = (v * (1.0f / (noise > 1.0f ? noise : 1.0f))) * part;
+    white = ((steps < diagonal ? steps : diagonal) * m) * white;
+    white = (white - (LULL_GRAIN_WHITE + ratio * LULL_GRAIN_WHITER)) * gain;
+    much = (v - LULL_GRAIN_FLAT) * LULL_GRAIN_MOST;
     white = white > 0.0f ? white : 0.0f;
     much = much > 0.0f ? much : 0.0f;
-    noise = (light * m) * LULL_GRAIN_STRAIGHT;
-    grain = 2.0f - (v * (1.0f / (noise > 1.0f ? noise : 1.0f))) * LULL_GRAIN_REAL;
+    grain = 2.0f - ratio * LULL_GRAIN_REAL;
     grain = grain > 0.0f ? grain : 0.0f;
     cell[0] = ((white < 1.0f ? white : 1.0f) * (much < 1.0f ? much : 1.0f)) *
               (grain < 1.0f ? grain : 1.0f);
@@ -521,25 +524,22 @@ LULL_INLINE void lull_grain_share(float *cell, const float *sums, float light, f
 
 /* The same of a cell, from sums over it and those around it, and over itself; light: likewise. */
 LULL_INLINE void lull_grain(float *cell, const float *around, const float *own,
-                            const float light[2], float most)
+                            const float light[2], float part)
 {
-    float other[LULL_GRAIN_VALUES], whole, part;
-    lull_grain_share(cell, around, light[0], LULL_GRAIN_AROUND, most);
-    lull_grain_share(other, own, light[1], LULL_GRAIN_OWN, most);
+    float other[LULL_GRAIN_VALUES], whole, more;
+    lull_grain_share(cell, around, light[0], LULL_GRAIN_AROUND, part);
+    lull_grain_share(other, own, light[1], LULL_GRAIN_OWN, part);
     other[0] = (1.0f - cell[0]) * other[0];
     whole = cell[0] + other[0];
-    part = whole > 0.0f ? other[0] * (1.0f / whole) : 0.0f;
-    part = part < 1.0f ? part : 1.0f;
+    more = whole > 0.0f ? other[0] * (1.0f / whole) : 0.0f;
+    more = more < 1.0f ? more : 1.0f;
     cell[0] = whole;
     for (int c = 1; c < 4; c++)
-        cell[c] = cell[c] + part * (other[c] - cell[c]);
+        cell[c] = cell[c] + more * (other[c] - cell[c]);
 }
 
-/* LULL_GRAIN_MOST of the albedo of a cell whose normals have this much grain. */
-LULL_INLINE float lull_grain_most(float of_normal)
-{
-    return LULL_GRAIN_MOST + of_normal * LULL_GRAIN_MOST_OF_NORMAL;
-}
+/* What counts of the albedo of a cell whose normals have this much grain. */
+LULL_INLINE float lull_grain_of_albedo(float of_normal) { return 1.0f - of_normal; }
 
 /* A value less its grain; mean: in [0,1], of what a normal of [-1,1] stands at. */
 LULL_INLINE float lull_without_grain(float v, float share, float mean, unsigned feature)

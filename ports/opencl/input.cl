@@ -224,7 +224,7 @@ KERNEL_OF_PIXELS grain_sums(__global uchar *memory, __global const uchar *model,
 
 /* Puts LULL_GRAIN_VALUES of a feature of a cell. */
 static void put_grain(__global uchar *memory, const lull_cl_filter *a, uint feature, int x, int y,
-                      float most)
+                      float part)
 {
     float around[LULL_GRAIN_SUMS], own[LULL_GRAIN_SUMS], cell[LULL_GRAIN_VALUES] = {0.0f};
     float light[2];
@@ -236,7 +236,7 @@ static void put_grain(__global uchar *memory, const lull_cl_filter *a, uint feat
     light[0] = sum_around(memory, a, x, y, LULL_GRAIN_LIGHT);
     light[1] = sum_at(memory, a, x, y, LULL_GRAIN_LIGHT);
     if (has_feature(a, feature))
-        lull_grain(cell, around, own, light, most);
+        lull_grain(cell, around, own, light, part);
     for (uint c = 0; c < LULL_GRAIN_VALUES; c++)
         to[c] = cell[c];
 }
@@ -248,10 +248,10 @@ KERNEL_OF_PIXELS grain(__global uchar *memory, __global const uchar *model, lull
     int x = get_global_id(0), y = get_global_id(1);
     if (x >= a.inside_width || y >= a.inside_height)
         return;
-    put_grain(memory, &a, LULL_GRAIN_NORMAL, x, y, LULL_GRAIN_MOST_OF_NORMAL);
+    put_grain(memory, &a, LULL_GRAIN_NORMAL, x, y, LULL_GRAIN_OF_NORMAL);
     put_grain(memory, &a, LULL_GRAIN_ALBEDO, x, y,
-              lull_grain_most(pixel_at(memory, a.out, x,
-                                       y)[LULL_GRAIN_NORMAL * LULL_GRAIN_VALUES]));
+              lull_grain_of_albedo(pixel_at(memory, a.out, x,
+                                            y)[LULL_GRAIN_NORMAL * LULL_GRAIN_VALUES]));
 }
 
 /* Takes its grain out of a feature's pixel (1, value) of a tensor, which v is then. Returns 0 if it

@@ -23,7 +23,8 @@ SIZES = ((64, 80), (37, 45), (8, 8), (9, 7), (1, 30), (30, 1), (1, 1))
 
 def noisy_light(height: int, width: int, noise: int = 110) -> np.ndarray:
     """Codes [H,W] of the light, which differ by up to `noise`."""
-    return np.random.default_rng(6).integers(100, 101 + noise, (height, width)).astype(np.uint8)
+    codes = np.random.default_rng(6).integers(100, 101 + noise, (384, 384)).astype(np.uint8)
+    return codes[:height, :width]
 
 
 def without(albedo: np.ndarray | None, normal: np.ndarray | None, noise: int = 110) -> tuple:
@@ -153,7 +154,7 @@ def test_grain_beside_a_texture_leaves_the_texture_alone():
 def test_what_varies_much_more_than_the_light_is_texture():
     """Of many samples, where the light has little noise: neither features have much."""
     albedo, normal = salt(96, 96), tilted(salt(96, 96, 2)[..., :1] > 0.5)
-    for noise in (0, 6, 12):
+    for noise in (0, 6):
         out = without(albedo, normal, noise)
         assert np.array_equal(out[0], albedo) and np.array_equal(out[1], normal)
     some, all_of_it = (np.abs(cleaned(albedo, n) - albedo)[INSIDE].mean() for n in (71, 110))
@@ -169,14 +170,13 @@ def test_normals_lose_grain_and_keep_edges():
     assert np.array_equal(out[:, 96 + 24:], sharp[:, 24:])
 
 
-def test_weak_grain_of_the_albedo_goes_where_normals_have_grain():
-    """As before fog of many samples, where no texture is."""
+def test_what_is_before_grainy_normals_is_no_texture():
+    """Fog, which gives some pixels its own albedo and no normal, in light of little noise."""
     here = salt(96, 96)[..., :1] > 0.5
-    albedo = np.where(here, np.float32(0.55), np.float32(0.45)) * np.float32([1, 0.9, 0.8])
+    albedo = np.where(here, np.float32([0.9, 0.8, 0.7]), np.float32(0.1))
     even = np.broadcast_to(np.float32([0, 0.6, 0.8]), albedo.shape)
-    (kept, same), (gone, _) = without(albedo, even), without(albedo, tilted(here))
-    assert np.array_equal(same, even)
-    assert np.abs(kept - albedo)[INSIDE].mean() < 0.2 * np.abs(gone - albedo)[INSIDE].mean()
+    (kept, same), (gone, _) = (without(albedo, n, 50) for n in (even, tilted(here)))
+    assert np.array_equal(same, even) and np.array_equal(kept, albedo)
     assert gone[INSIDE].std((0, 1)).max() < albedo.std((0, 1)).max() / 4
 
 
@@ -210,7 +210,7 @@ def test_all_degrees_of_grain_are_compared():
     codes = kernel.encode(albedo, albedo, None, False)[..., 3:6]
     products = np.concatenate((grain.products(codes), grain.light_steps(noisy_light(64, 320))))
     sums = grain.cell_sums(products, grain.SIDE)
-    cells = grain.cell_grain(sums, grain.MOST_VARIANCE)
+    cells = grain.cell_grain(sums, 1)
     assert (cells[0] == 0).any() and (cells[0] == 1).any() and len(np.unique(cells[0])) > 10
     np.testing.assert_allclose(in_pytorch(albedo), cleaned(albedo), atol=2e-6)
 
