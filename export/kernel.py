@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from export import pixels
+from export.albedo import ALBEDO_MOST, counted_albedo
 from export.calm import frame_calm
 from export.edges import averaged, ragged
 from export.grain import without_grain
@@ -25,8 +26,6 @@ from export.tza import Reader
 F = np.float32
 INPUTS, LEVELS, TAPS = 12, 5, 25
 RADIANCE_MAX = F(65504)
-EMPTY_ALBEDO = F(0.1)  # of pixels that show neither a surface nor light,
-EMPTY_RUN = 4          # which so many pixels of a row say together
 LOG_GAIN, CODES_PER_OCTAVE = F(32), F(21.2493764)
 PER_CODE = F(0.0901684401)  # log2(e) / 16
 CONFIDENCE, BLEND, ALBEDO = 25, 26, 27
@@ -289,18 +288,6 @@ def apply_filter(heads: list[np.ndarray], radiance: np.ndarray, albedo: np.ndarr
     return out * smooth
 
 
-def without_black(albedo: np.ndarray, radiance: np.ndarray, is_clean: bool = False) -> np.ndarray:
-    """Sanitised albedo [H,W,3] with 1 where all channels are 0, or, unless it is clean,
-    EMPTY_ALBEDO where, in runs of four pixels of a row, none of these has radiance (or codes of it)
-    [H,W,3]."""
-    height, width = albedo.shape[:2]
-    black = ~(albedo > 0).any(-1)
-    light = np.pad(black & (radiance > 0).any(-1), ((0, 0), (0, -width % EMPTY_RUN)))
-    is_lit = light.reshape(height, -1, EMPTY_RUN).any(-1).repeat(EMPTY_RUN, 1)[:, :width]
-    fill = np.where(is_lit | is_clean, F(1), EMPTY_ALBEDO)
-    return np.where(black[..., None], fill[..., None], albedo)
-
-
 def known_calm(content: str, main: str) -> float | None:
     """How calm frames are that are no pictures; None: to be measured."""
     if content.startswith("lightmap"):
@@ -321,8 +308,8 @@ def run_frame(model: IntTrunk, frame: pixels.Frame, channels: int = 3) -> np.nda
     for f in aux:
         if f in images and f != main:
             v = pixels.sanitize(pixels.three_channels(images[f]), 1.0,
-                                -1.0 if f == "normal" else 0.0, 1.0)
-            aux[f] = without_black(v, r, frame.clean_aux) if f == "albedo" else v
+                                *((-1.0, 1.0) if f == "normal" else (0.0, ALBEDO_MOST)))
+            aux[f] = counted_albedo(v, r, frame.clean_aux) if f == "albedo" else v
     if model.is_alone:
         if len(images) > 1 or main == "color":
             raise ModelError("the model is for an albedo or normals alone")

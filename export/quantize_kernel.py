@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from export import kernel, pixels
+from export.albedo import ALBEDO_MOST, counted_albedo
 from export.calibrate import middle
 from export.dequantize import as_floats
 from export.graph import Layer
@@ -90,7 +91,7 @@ def calibration_input(images: dict[str, np.ndarray], content: str = "hdr") -> np
     color = pixels.sanitize(images["color"], frame.input_scale(), 0.0, pixels.MAX)
     albedo, normal = images.get("albedo"), images.get("normal")
     if albedo is not None:
-        albedo = kernel.without_black(pixels.sanitize(albedo, 1.0, 0.0, 1.0), color)
+        albedo = counted_albedo(pixels.sanitize(albedo, 1.0, 0.0, ALBEDO_MOST), color)
     if normal is not None:
         normal = pixels.sanitize(normal, 1.0, -1.0, 1.0)
     codes = kernel.encode(color, albedo, normal, not frame.rule().is_hdr)

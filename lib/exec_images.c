@@ -154,28 +154,54 @@ static int is_empty_run(const lull_task *t, unsigned x, unsigned y)
     return shows_nothing(albedo, light, t->plan->scale, n);
 }
 
-/* 1 if for certain no pixel is black. */
-static int has_no_black(const float *albedo, unsigned n)
+/* 1 if all is above 0, and 1 at most. */
+static int is_plain(const float *albedo, unsigned n)
 {
-    int is_above = 1;
+    int is_within = 1;
     for (unsigned i = 0; i < 3 * n; i++)
-        is_above &= albedo[i] > 1.17549435e-38f;
-    return is_above;
+        is_within &= (albedo[i] > 1.17549435e-38f) & (albedo[i] <= 1.0f);
+    return is_within;
 }
 
-/* n pixels of the albedo with LULL_EMPTY_ALBEDO for those that show nothing, then in `block`. */
-static const float *mark_empty(const float *albedo, const lull_task *t, float *block, unsigned x,
-                               unsigned y, unsigned n)
+/* 1 if anything is above 1. */
+static int is_bright(const float *albedo, unsigned n)
+{
+    for (unsigned i = 0; i < 3 * n; i++)
+        if (albedo[i] > 1.0f)
+            return 1;
+    return 0;
+}
+
+/* Pixels i to `last` of `block`, of the run that begins with pixel `first`, which may lie before it;
+ * the block's is pixel x of the row. */
+static void dim_lamps(float *block, const lull_task *t, unsigned x, unsigned y, unsigned first,
+                      unsigned i, unsigned last)
+{
+    const unsigned width = t->plan->frame.width, n = lull_min_u(LULL_EMPTY_RUN, width - (x + first));
+    float run[3 * LULL_EMPTY_RUN];
+    lull_image_load(run, &t->images->albedo, width, x + first, y, n);
+    for (; i < last; i++)
+        lull_dim_lamps(block + 3 * (size_t)i, run, n, i - first);
+}
+
+/* n pixels of the albedo as they count, but for what kernels sanitise, then in `block`. */
+static const float *count_albedo(const float *albedo, const lull_task *t, float *block, unsigned x,
+                                 unsigned y, unsigned n)
 {
     const float *light = lull_image_floats(&t->images->color, t->plan->frame.width, x, y);
-    unsigned last = has_no_black(albedo, n) ? n : 0;
+    unsigned last = is_plain(albedo, n) ? n : 0;
 
     for (unsigned i = last; i < n; i = last) {
         unsigned first = i - (x + i) % LULL_EMPTY_RUN, black = i; /* wraps before the block */
         last = lull_min_u(first + LULL_EMPTY_RUN, n);
+        if (is_bright(albedo + 3 * (size_t)i, last - i)) {
+            if (albedo != block)
+                albedo = memcpy(block, albedo, 3 * (size_t)n * sizeof *block);
+            dim_lamps(block, t, x, y, first, i, last);
+        }
         while (black < last && !lull_is_black(albedo + 3 * (size_t)black, 1.0f))
             black++;
-        if (black == last)
+        if (black == last || t->plan->frame.clean_aux)
             continue;
         if (light && first == i && last - i == LULL_EMPTY_RUN
                 ? !shows_nothing(albedo + 3 * (size_t)i, light + 3 * (size_t)i, t->plan->scale,
@@ -204,7 +230,7 @@ const float *lull_exec_aux(const lull_task *t, unsigned feature, float *block, u
     if (!pixels)
         lull_image_load(block, image, frame->width, x, y, n);
     pixels = pixels ? pixels : block;
-    return feature == 1 && !frame->clean_aux ? mark_empty(pixels, t, block, x, y, n) : pixels;
+    return feature == 1 ? count_albedo(pixels, t, block, x, y, n) : pixels;
 }
 
 /* What the kernels cannot do is done before, in `block`. */

@@ -82,7 +82,7 @@ typedef struct lull_conv {
  *     out[c * out_plane + p] = S[0] > 0 ? S[c + 1] (1 / S[0]) + more : none, for c = 0, 1, 2.
  *
  * lull_encoding: 3 floats a pixel as they are in the caller's image. Radiance counts as
- *     R = S(radiance, scale, 0, most), albedo as S(albedo, 1, 0, 1), or as 1
+ *     R = S(radiance, scale, 0, most), albedo as S(albedo, 1, 0, 16), or as 1
  *     where that is 0 in all three channels, normals as S(normal, 1, -1, 1), S being lull_sane;
  *     scale >= 0, most <= 65504. Albedo and normals may be NULL.
  *

@@ -82,6 +82,10 @@ LULL_INLINE uint8_t lull_normal_code(float n)
 #define LULL_EMPTY_ALBEDO 0.1f /* of pixels that show nothing */
 #define LULL_EMPTY_RUN 4u      /* pixels of a row that say together whether they do */
 
+/* Lamps have their light as albedo, far above 1. What is above 4 counts as a quarter of it. */
+#define LULL_ALBEDO_MOST 16.0f
+#define LULL_LAMP 0.25f
+
 /* 1 if a pixel's values are 0 once sanitised (lull_sane), all three. */
 LULL_INLINE int lull_is_black(const float *v, float scale)
 {
@@ -95,9 +99,34 @@ LULL_INLINE int lull_is_black(const float *v, float scale)
 LULL_INLINE void lull_sane_albedo(float *a)
 {
     for (int c = 0; c < 3; c++)
-        a[c] = lull_sane(a[c], 1.0f, 0.0f, 1.0f);
+        a[c] = lull_sane(a[c], 1.0f, 0.0f, LULL_ALBEDO_MOST);
     if (!(a[0] + a[1] + a[2] > 0.0f))
         a[0] = a[1] = a[2] = 1.0f;
+}
+
+/* A value of an albedo as it counts, in [0, LULL_ALBEDO_MOST]. */
+LULL_INLINE float lull_albedo_of(float v)
+{
+    v = lull_sane(v, 1.0f, 0.0f, LULL_ALBEDO_MOST / LULL_LAMP);
+    if (v > 1.0f)
+        v = v * LULL_LAMP > 1.0f ? v * LULL_LAMP : 1.0f;
+    return v;
+}
+
+/* The values above 1 of pixel `own` of a run of n, as they count: if they are more than 1 and than
+ * those of the others together, it is a spark. To `pixel`, which has the pixel's values. */
+LULL_INLINE void lull_dim_lamps(float *pixel, const float *run, unsigned n, unsigned own)
+{
+    for (unsigned c = 0; c < 3; c++) {
+        float most = 0.0f, v = lull_albedo_of(run[3 * own + c]);
+        if (!(run[3 * own + c] > 1.0f))
+            continue;
+        for (unsigned i = 0; i < n; i++)
+            if (i != own)
+                most += lull_albedo_of(run[3 * i + c]);
+        most = most > 1.0f ? most : 1.0f;
+        pixel[c] = v < most ? v : most;
+    }
 }
 
 /* The guide of a pixel (kernels.h) from the codes of its normal, or of its albedo. */

@@ -74,7 +74,7 @@ LULL_INLINE vec sane_radiance(vec v, const lull_encoding *from)
 
 LULL_INLINE vec sane_albedo(vec v)
 {
-    return low(above(high(v, set(0.0f)), 0x00800000), set(1.0f));
+    return low(above(high(v, set(0.0f)), 0x00800000), set(LULL_ALBEDO_MOST));
 }
 
 /* Albedo of n pixels at p, sanitised: where there is none, white. */

@@ -1,6 +1,7 @@
 """From files to features: reading, ranges, network codes.
 
-After `load`: hdr >= 0; ldr, alb in [0,1]; nrm, sh1 in [-1,1]; z >= 0; all finite float32.
+After `load`: hdr >= 0; ldr in [0,1]; alb in [0,64], lamps above 1; nrm, sh1 in [-1,1]; z >= 0;
+all finite float32.
 """
 from __future__ import annotations
 
@@ -10,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from export.albedo import ALBEDO_MOST
 from training import color
 from training.errors import DATA, USAGE, ToolError
 from training.exr_channels import Channels, Origin
@@ -29,7 +31,7 @@ class Images(dict[str, np.ndarray]):
 
 def clean(image: np.ndarray, feature: str) -> np.ndarray:
     """Finite values in the range of the feature: NaN -> 0, infinities to the ends of the range."""
-    low, high = {"hdr": (0.0, FLT_MAX), "z": (0.0, FLT_MAX)}.get(
+    low, high = {"hdr": (0.0, FLT_MAX), "z": (0.0, FLT_MAX), "alb": (0.0, ALBEDO_MOST)}.get(
         feature, (-1.0, 1.0) if feature in SIGNED else (0.0, 1.0))
     return np.clip(np.nan_to_num(image, nan=0.0, posinf=FLT_MAX, neginf=-FLT_MAX), low, high,
                    dtype=np.float32)
@@ -150,12 +152,15 @@ def check_beside(version: Version, images: Images, target: Images,
 
 
 def encode(images: dict[str, np.ndarray], main: str, transfer: str,
-           exposure: float = 1.0) -> np.ndarray:
-    """Network codes, [H,W,C] float32: main feature through the transfer function, aux in [0,1]."""
+           exposure: float = 1.0, most: float = 1.0) -> np.ndarray:
+    """Network codes, [H,W,C] float32: main feature through the transfer function, aux in [0,1], but
+    for an albedo up to `most`."""
     parts = []
     for feature, image in images.items():
         if feature in SIGNED:
             image = image * 0.5 + 0.5
+        if feature == "alb":
+            image = np.minimum(image, 1.0 if feature == main else most)
         if feature == main:
             with np.errstate(over="ignore"):
                 image = np.minimum(image * np.float32(exposure), FLT_MAX)

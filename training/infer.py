@@ -27,6 +27,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from export.albedo import ALBEDO_MOST
 from training import color, errors, kernel_model, metrics, parallel
 from training.auxiliary import load_prefilters, run_network
 from training.errors import DATA, ToolError
@@ -51,10 +52,12 @@ class Denoiser:
         """Cleaned features by name (features.load) -> main feature, in its own range, [H,W,C]."""
         noisy = images[self.main]
         exposure = color.autoexposure(noisy) if self.main == "hdr" else 1.0
-        codes = encode({f: images[f] for f in self.features}, self.main, self.transfer, exposure)
+        is_kernel = self.model.net.family == "K"
+        codes = encode({f: images[f] for f in self.features}, self.main, self.transfer, exposure,
+                       ALBEDO_MOST if is_kernel else 1.0)
         for p in self.prefilters:
             codes = p.apply(codes, self.features)
-        if self.model.net.family == "K":
+        if is_kernel:
             codes = kernel_model.planes(codes, self.features)
         m = CHANNELS[self.main]
         out = np.concatenate([run_network(self.model, np.concatenate(

@@ -12,7 +12,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from export.kernel import LAST_STEPS, without_black
+from export.albedo import counted_albedo
+from export.kernel import LAST_STEPS
 from training import color
 from training.grain import without_grain
 from training.kernel_filter import apply_filter, smooth_result
@@ -44,7 +45,7 @@ def planes(codes: np.ndarray, features: list[str], has_albedo: bool = True,
     if features[0] in LONE:
         out[..., 6:9], out[..., 10] = codes[..., :3], 1
     if out[..., 9].any():
-        out[..., 3:6] = without_black(out[..., 3:6], out[..., :3])
+        out[..., 3:6] = counted_albedo(out[..., 3:6], out[..., :3])
     out[..., 11] = clipped or features[0] != "hdr"
     return out
 

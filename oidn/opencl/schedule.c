@@ -383,7 +383,7 @@ static void add_inputs(lull_cl_schedule *s)
     const uint8_t albedo = s->flags & LULL_CL_ALBEDO ? LULL_CL_IMAGE_ALBEDO : CL_NONE;
     const uint8_t normal = s->flags & LULL_CL_NORMAL ? LULL_CL_IMAGE_NORMAL : CL_NONE;
     const uint8_t all[LULL_CL_SOURCES] = {LULL_TENSOR_RADIANCE, albedo, normal, CL_NONE, CL_NONE};
-    const uint8_t aux[LULL_CL_SOURCES] = {albedo, normal, LULL_TENSOR_RADIANCE, CL_NONE, CL_NONE};
+    const uint8_t aux[LULL_CL_SOURCES] = {albedo, normal, CL_NONE, CL_NONE, CL_NONE};
     const uint8_t facing[LULL_CL_SOURCES] = {normal, CL_NONE, CL_NONE, CL_NONE, CL_NONE};
 
     cover_border(add_filter(s, LULL_CL_encode, LULL_TENSOR_INPUT, 0, all));

@@ -1,6 +1,6 @@
 /* What is made of the images before the network and the filter: codes, albedo, normal, guide.
- * Images are given as the host loads them: the main one sanitised and exposed, the others as they
- * are. */
+ * Images are given as the host loads them: the main one sanitised and exposed, the albedo as it
+ * counts, normals as they are. */
 
 /* Pixel (x, y) of the main image. */
 static void get_radiance(float *r, __global uchar *memory, lull_cl_tensor image, int x, int y)
@@ -10,29 +10,10 @@ static void get_radiance(float *r, __global uchar *memory, lull_cl_tensor image,
         r[c] = lull_sane(r[c], 1.0f, 0.0f, LULL_RADIANCE_MAX);
 }
 
-/* 1 if of the run of pixels with (x, y) none whose albedo is black has light. */
-static int is_empty(__global uchar *memory, lull_cl_tensor image, lull_cl_tensor radiance, int x,
-                    int y, int width)
-{
-    int first = x - x % (int)LULL_EMPTY_RUN;
-    for (int i = first; i < first + (int)LULL_EMPTY_RUN && i < width; i++) {
-        float v[3], r[3];
-        get_pixel(v, pixel_at(memory, image, i, y));
-        get_pixel(r, pixel_at(memory, radiance, i, y));
-        if (lull_is_black(v, 1.0f) && !lull_is_black(r, 1.0f))
-            return 0;
-    }
-    return 1;
-}
-
 /* Albedo and codes of the normal at (x, y). */
-static void get_albedo(float *v, __global uchar *memory, const lull_cl_filter *a,
-                       lull_cl_tensor image, lull_cl_tensor radiance, int x, int y)
+static void get_albedo(float *v, __global uchar *memory, lull_cl_tensor image, int x, int y)
 {
     get_pixel(v, pixel_at(memory, image, x, y));
-    if (!(a->flags & LULL_CL_CLEAN) && lull_is_black(v, 1.0f) &&
-        is_empty(memory, image, radiance, x, y, a->inside_width))
-        v[0] = v[1] = v[2] = LULL_EMPTY_ALBEDO;
     lull_sane_albedo(v);
 }
 static void get_normal(int *q, __global uchar *memory, lull_cl_tensor image, int x, int y)
@@ -77,7 +58,7 @@ KERNEL_OF_PIXELS encode(__global uchar *memory, __global const uchar *model, lul
     get_radiance(r, memory, a.source[0], x, y);
     albedo[0] = albedo[1] = albedo[2] = none;
     if (a.flags & LULL_CL_ALBEDO)
-        get_albedo(albedo, memory, &a, a.source[1], a.source[0], x, y);
+        get_albedo(albedo, memory, a.source[1], x, y);
     if (a.flags & LULL_CL_NORMAL)
         get_normal(normal, memory, a.source[2], x, y);
     for (int c = 0; c < 3 && a.flags & LULL_CL_ALONE; c++)
@@ -104,14 +85,14 @@ static int is_inside(__global uchar *memory, const lull_cl_filter *a, int x, int
     return 0;
 }
 
-/* out: (1, albedo), zeros outside the image; sources: albedo, (normal,) radiance. */
+/* out: (1, albedo), zeros outside the image; source: albedo. */
 KERNEL_OF_PIXELS spread(__global uchar *memory, __global const uchar *model, lull_cl_filter a)
 {
     int x = get_global_id(0), y = get_global_id(1);
     float v[3];
     if (!is_inside(memory, &a, x, y))
         return;
-    get_albedo(v, memory, &a, a.source[0], a.source[2], x, y);
+    get_albedo(v, memory, a.source[0], x, y);
     *floats_at(memory, a.out, x, y) = (float4)(1.0f, v[0], v[1], v[2]);
 }
 
@@ -129,7 +110,7 @@ KERNEL_OF_PIXELS spread_normal(__global uchar *memory, __global const uchar *mod
     *floats_at(memory, a.out, x, y) = (float4)(1.0f, v[0], v[1], v[2]);
 }
 
-/* out: two bytes a pixel; sources: albedo, normal, radiance. */
+/* out: two bytes a pixel; sources: albedo, normal. */
 KERNEL_OF_PIXELS guide(__global uchar *memory, __global const uchar *model, lull_cl_filter a)
 {
     int x = get_global_id(0), y = get_global_id(1), q[3] = {0, 0, 0};
@@ -142,7 +123,7 @@ KERNEL_OF_PIXELS guide(__global uchar *memory, __global const uchar *model, lull
     } else {
         if (a.flags & LULL_CL_ALBEDO) {
             float v[3];
-            get_albedo(v, memory, &a, a.source[0], a.source[2], x, y);
+            get_albedo(v, memory, a.source[0], x, y);
             for (int c = 0; c < 3; c++)
                 q[c] = lull_to_code(v[c] * 255.0f);
         }

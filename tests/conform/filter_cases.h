@@ -135,8 +135,8 @@ static float *make_albedo(unsigned place, unsigned pixels, int at_end)
 static float albedo_value(const float *pixel, size_t c)
 {
     for (size_t i = 0; i < 3; i++)
-        if (sane_value(pixel[i], 1.0f, 0.0f, 1.0f) > 0.0f)
-            return sane_value(pixel[c], 1.0f, 0.0f, 1.0f);
+        if (sane_value(pixel[i], 1.0f, 0.0f, 16.0f) > 0.0f)
+            return sane_value(pixel[c], 1.0f, 0.0f, 16.0f);
     return 1.0f;
 }
 
@@ -162,7 +162,7 @@ static void encode_case(unsigned pixels, int has_albedo, int has_normal)
             float a = from.albedo ? albedo_value(albedo + 3 * i, c) : 0.0f;
             n = n > -1.0f ? n : n <= -1.0f ? -1.0f : 0.0f;
             n = (n < 1.0f ? n : 1.0f) * 127.5f + 128.0f;
-            CHECK(out[12 * i + 3 + c] == (int)(a * 255.0f + 0.5f));
+            CHECK(out[12 * i + 3 + c] == (int)((a < 1.0f ? a : 1.0f) * 255.0f + 0.5f));
             CHECK(abs(out[12 * i + 6 + c] - (n < 255.0f ? (int)n : 255)) <= 1);
             CHECK(out[12 * i + 9 + c] == (c == 0 ? 0 : c == 1 ? 0xff : 0x5a));
         }

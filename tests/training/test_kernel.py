@@ -8,7 +8,7 @@ import torch
 from tests.training.tools import input_codes
 from export import calm, kernel, pixels
 from export.smooth import guide_of
-from training import cells, kernel_filter, kernel_model, kernel_net, nets, regression
+from training import cells, kernel_filter, kernel_net, nets, regression
 
 
 def test_sums_of_the_filter_are_their_definition():
@@ -24,28 +24,6 @@ def test_sums_of_the_filter_are_their_definition():
                 if 0 <= sy < 5 and 0 <= sx < 6:
                     expected[0, :, y, x] += np.exp(logits[0, k, y, x]) * v[0, :, sy, sx]
     np.testing.assert_allclose(out, expected, rtol=1e-12)
-
-
-def test_black_albedo():
-    """White where it is a lamp's, EMPTY_ALBEDO where runs of four pixels show nothing."""
-    albedo, light = np.full((2, 10, 3), 0.5, np.float32), np.ones((2, 10, 3), np.float32)
-    albedo[0, [0, 3, 4, 5, 9]] = albedo[1] = 0
-    light[0, [3, 5]] = light[1] = 0
-    light[1, 8] = (0, 0, 1e-3)
-    albedo[1, 2] = (0, 0, 0.2)
-    found = kernel.without_black(albedo, light)
-    none, empty = 1, kernel.EMPTY_ALBEDO
-    expected = albedo.copy()
-    expected[0, [0, 3, 4, 5, 9]] = none  # a run with light: columns 0 and 4; 9 has it itself
-    expected[1, [0, 1, 3, 4, 5, 6, 7]], expected[1, 8:] = empty, none
-    assert np.array_equal(found, expected)
-    light[0, 4] = 0
-    expected[0, [4, 5]] = empty
-    assert np.array_equal(kernel.without_black(albedo, light), expected)
-    expected[expected == empty] = none
-    assert np.array_equal(kernel.without_black(albedo, light, is_clean=True), expected)
-    seen = kernel_model.planes(np.concatenate([light, albedo], -1), ["hdr", "alb"])[..., 3:6]
-    assert np.array_equal(seen, kernel.without_black(albedo, light))
 
 
 def test_bands_of_rows_give_what_whole_pictures_do():
