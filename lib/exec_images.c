@@ -172,12 +172,13 @@ static int is_bright(const float *albedo, unsigned n)
     return 0;
 }
 
-/* Pixels i to `last` of `block`, of the run that begins with pixel `first`, which may lie before it;
- * the block's is pixel x of the row. */
+/* Dims pixels i to `last` of `block`, of the run that begins with pixel `first`, which may lie
+ * before it; the block's is pixel x of the row. */
 static void dim_lamps(float *block, const lull_task *t, unsigned x, unsigned y, unsigned first,
                       unsigned i, unsigned last)
 {
-    const unsigned width = t->plan->frame.width, n = lull_min_u(LULL_EMPTY_RUN, width - (x + first));
+    const unsigned width = t->plan->frame.width;
+    const unsigned n = lull_min_u(LULL_EMPTY_RUN, width - (x + first));
     float run[3 * LULL_EMPTY_RUN];
     lull_image_load(run, &t->images->albedo, width, x + first, y, n);
     for (; i < last; i++)
