@@ -42,11 +42,16 @@ static void load_aux(lull_task *t, unsigned l, const lull_host *host)
     if (plan->keeps_rows || !lull_plan_brings(plan, l))
         return;
     rows = lull_plan_aux_rows(plan, l);
-    t->first = lull_plan_done(plan, LULL_TENSOR_ALBEDO);
     t->chunk = lull_plan_band(plan);
-    if (lull_plan_has(plan, LULL_TENSOR_ALBEDO) || lull_plan_has(plan, LULL_TENSOR_GUIDE))
-        make_rows(t, host, rows - t->first, t->right - t->left, lull_exec_spread);
-    lull_plan_set_aux(plan, rows);
+    if (plan->model->graph.layer[l].op == LULL_OP_BILATERAL) {
+        t->first = lull_plan_done(plan, LULL_TENSOR_GUIDE);
+        make_rows(t, host, rows - t->first, t->right - t->left, lull_exec_guide);
+    } else {
+        t->first = lull_plan_done(plan, LULL_TENSOR_ALBEDO);
+        if (lull_plan_has(plan, LULL_TENSOR_ALBEDO) || lull_plan_has(plan, LULL_TENSOR_NORMAL))
+            make_rows(t, host, rows - t->first, t->right - t->left, lull_exec_spread);
+    }
+    lull_plan_bring(plan, l, rows);
 }
 
 /* How far the run is: the mean, over input, layers and output, of the parts of their rows that are

@@ -54,7 +54,8 @@ const uint8_t *lull_exec_source(const lull_plan *plan, unsigned tensor, int y);
 
 /* Bodies of parallel_for. Context: a lull_task. */
 void lull_exec_load(void *context, unsigned index, unsigned worker);   /* a chunk of the input */
-void lull_exec_spread(void *context, unsigned index, unsigned worker); /* of auxiliary images */
+void lull_exec_spread(void *context, unsigned index, unsigned worker); /* of albedo, normals */
+void lull_exec_guide(void *context, unsigned index, unsigned worker);
 void lull_exec_chunk(void *context, unsigned index, unsigned worker);  /* of one of the groups */
 void lull_exec_store(void *context, unsigned index, unsigned worker);  /* of the output */
 

@@ -277,7 +277,7 @@ void lull_exec_sane(float *block, const lull_encoding *from, const lull_task *t,
     t->plan->model->kernels.curve_in(block, &sane, 3 * (size_t)n);
 }
 
-/* n pixels from column x on of row y of the tensors of albedo and normal and of the guide. */
+/* n pixels from column x on of row y of the tensors of albedo and normal. */
 static void load_aux(const lull_task *t, const float *albedo, const float *normal, unsigned x,
                      unsigned y, unsigned n)
 {
@@ -289,9 +289,14 @@ static void load_aux(const lull_task *t, const float *albedo, const float *norma
     if (normal && lull_plan_has(plan, LULL_TENSOR_NORMAL))
         plan->model->kernels.spread_xyz(lull_exec_floats(plan, LULL_TENSOR_NORMAL, y, column),
                                         lull_exec_plane(plan, LULL_TENSOR_NORMAL), normal, n);
-    if (lull_plan_has(plan, LULL_TENSOR_GUIDE))
-        plan->model->kernels.guide(
-            lull_exec_row(plan, LULL_TENSOR_GUIDE, y) + 2 * (size_t)column, albedo, normal, n);
+}
+
+/* The same of the guide. */
+static void load_guide(const lull_task *t, const float *albedo, const float *normal, unsigned x,
+                       unsigned y, unsigned n)
+{
+    uint8_t *row = lull_exec_row(t->plan, LULL_TENSOR_GUIDE, y) + 2 * (size_t)(x - t->left);
+    t->plan->model->kernels.guide(row, albedo, normal, n);
 }
 
 /* n pixels of the main image, in [0,1], in the place of normals. */
@@ -321,6 +326,8 @@ static void load_kernel(const lull_task *t, float *block, unsigned x, unsigned y
     plan->model->kernels.encode(codes, &from, n);
     if (plan->keeps_rows)
         load_aux(t, from.albedo, from.normal, x, y, n);
+    if (plan->keeps_rows && lull_plan_has(plan, LULL_TENSOR_GUIDE))
+        load_guide(t, from.albedo, from.normal, x, y, n);
 }
 
 /* Pixels of a row from one to the last that begins at most so many bytes from it, at least 1. */
@@ -378,12 +385,26 @@ void lull_exec_spread(void *context, unsigned index, unsigned worker)
         unsigned n = lull_min_u(LULL_BLOCK, right - x);
         float *block = lull_exec_scratch(t, worker);
         const float *albedo = lull_exec_aux(t, 1, block, x, y - t->base_row, n), *normal = NULL;
-        if (lull_plan_has(plan, LULL_TENSOR_GUIDE))
+        if (lull_plan_has(plan, LULL_TENSOR_NORMAL))
             normal = lull_exec_aux(t, 2, block + 3 * LULL_BLOCK, x, y - t->base_row, n);
         load_aux(t, albedo, normal, x, y, n);
     }
     if (lull_plan_takes_grain(plan) && y < plan->frame.height && part.left < right)
         lull_exec_clean(t, part.left - t->left, y, right - part.left, worker);
+}
+
+void lull_exec_guide(void *context, unsigned index, unsigned worker)
+{
+    const lull_task *t = context;
+    lull_part part = lull_exec_part(t, index, t->left, t->right);
+    unsigned y = t->first + part.row, right = lull_min_u(part.right, t->plan->frame.width);
+    for (unsigned x = part.left; y < t->plan->frame.height && x < right; x += LULL_BLOCK) {
+        unsigned n = lull_min_u(LULL_BLOCK, right - x);
+        float *block = lull_exec_scratch(t, worker);
+        const float *normal = lull_exec_aux(t, 2, block, x, y - t->base_row, n);
+        const float *albedo = normal ? NULL : lull_exec_aux(t, 1, block, x, y - t->base_row, n);
+        load_guide(t, albedo, normal, x, y, n);
+    }
 }
 
 /* The n bytes before `from` to before `to`. */

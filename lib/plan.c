@@ -71,7 +71,7 @@ static void play(lull_plan *plan)
             grow_ring(plan, lull_loaded[i]);
         for (unsigned l = 0; l < graph->layers; l++) {
             if (lull_plan_brings(plan, l) && !plan->keeps_rows) {
-                lull_plan_set_aux(plan, lull_plan_aux_rows(plan, l));
+                lull_plan_bring(plan, l, lull_plan_aux_rows(plan, l));
                 grow_ring(plan, LULL_TENSOR_ALBEDO);
                 grow_ring(plan, LULL_TENSOR_GUIDE);
                 grow_ring(plan, LULL_TENSOR_NORMAL);

@@ -120,13 +120,14 @@ int lull_plan_takes_grain(const lull_plan *plan);
 /* 1 if layer l is for the grain of features, and none is taken out: its turns do nothing. */
 int lull_plan_is_idle(const lull_plan *plan, unsigned l);
 
-/* 1 if layer l is the first to need the tensors made of auxiliary images. */
+/* 1 if layer l is the first to need tensors made of auxiliary images: the guide, or the others. */
 int lull_plan_brings(const lull_plan *plan, unsigned l);
 
 /* Rows of them that it needs for its turn, where rows are not kept. */
 unsigned lull_plan_aux_rows(const lull_plan *plan, unsigned l);
 
-/* Notes that so many rows of them are made. */
+/* Notes that so many rows of them are made; of all. */
+void lull_plan_bring(lull_plan *plan, unsigned l, unsigned rows);
 void lull_plan_set_aux(lull_plan *plan, unsigned rows);
 
 /* Bands of columns that loops are cut in, so that each thread has the same one in every loop; 1 if

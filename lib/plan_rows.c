@@ -101,7 +101,8 @@ int lull_plan_is_idle(const lull_plan *plan, unsigned l)
 
 int lull_plan_brings(const lull_plan *plan, unsigned l)
 {
-    return plan->model->graph.layer[l].op == LULL_OP_SMOOTH;
+    const lull_op op = plan->model->graph.layer[l].op;
+    return op == LULL_OP_SMOOTH || op == LULL_OP_BILATERAL;
 }
 
 void lull_plan_set_aux(lull_plan *plan, unsigned rows)
@@ -111,9 +112,21 @@ void lull_plan_set_aux(lull_plan *plan, unsigned rows)
     lull_plan_set_done(plan, LULL_TENSOR_NORMAL, rows);
 }
 
+void lull_plan_bring(lull_plan *plan, unsigned l, unsigned rows)
+{
+    if (plan->model->graph.layer[l].op == LULL_OP_BILATERAL) {
+        lull_plan_set_done(plan, LULL_TENSOR_GUIDE, rows);
+        return;
+    }
+    lull_plan_set_done(plan, LULL_TENSOR_ALBEDO, rows);
+    lull_plan_set_done(plan, LULL_TENSOR_NORMAL, rows);
+}
+
 unsigned lull_plan_aux_rows(const lull_plan *plan, unsigned l)
 {
     unsigned done = lull_plan_done(plan, l + 1), rows;
+    if (plan->model->graph.layer[l].op == LULL_OP_BILATERAL)
+        return lull_plan_done(plan, plan->model->graph.layer[l].source[0]);
     rows = lull_min_u(lull_plan_done(plan, plan->model->graph.layer[l].source[1]),
                       done + plan->row_step);
     rows = rows > done ? rows + 2 : 0; /* not before the turn: grain is known then */
