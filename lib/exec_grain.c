@@ -153,7 +153,7 @@ static void find_in_cell(float *cell, const float *const rows[3], size_t plane, 
         around[k] = sum_around(rows, at);
         own[k] = rows[1][at];
     }
-    lull_grain(cell, around, own, light, part);
+    lull_grain(cell, around, own, light, feature, part);
 }
 
 void lull_exec_find_grain(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker)

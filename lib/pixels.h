@@ -513,10 +513,20 @@ LULL_INLINE float lull_edge_share(float light, float least, float most, float st
 #define LULL_GRAIN_WHITER 0.015625f /* more of it, by the variance in that of the light */
 #define LULL_GRAIN_AROUND 5.0f
 #define LULL_GRAIN_OWN 4.0f
-#define LULL_GRAIN_FLAT 16.0f
 #define LULL_GRAIN_REAL 0.083333336f /* beyond 12 times the light's variance there is texture */
-#define LULL_GRAIN_MOST 0.015625f /* 1 by the variance from which on all may go */
 #define LULL_GRAIN_OF_NORMAL 0.25f /* of how much more normals vary than the light what counts */
+
+/* Grain has a variance above this, of codes; ... */
+LULL_INLINE float lull_grain_flat(unsigned feature)
+{
+    return feature == LULL_GRAIN_NORMAL ? 2.0f : 16.0f;
+}
+
+/* ... by so much per unit above it it may go. */
+LULL_INLINE float lull_grain_rise(unsigned feature)
+{
+    return feature == LULL_GRAIN_NORMAL ? 0.125f : 0.015625f;
+}
 
 /* Where the codes of a feature are, in those of a pixel. */
 LULL_INLINE unsigned lull_grain_codes(unsigned feature) { return 3u + 3u * feature; }
@@ -529,18 +539,19 @@ LULL_INLINE int lull_grain_light(const uint8_t *code)
 
 /* From sums, also of the light: the share of the mean in the feature, and the mean, in [0,1]; gain:
  * how fast it grows with whiteness, part: of how much more it varies than the light what counts. */
-LULL_INLINE void lull_grain_share(float *cell, const float *sums, float light, float gain,
-                                  float part)
+LULL_INLINE void lull_grain_share(float *cell, const float *sums, float light, unsigned feature,
+                                  float gain, float part)
 {
     float m = 1.0f / sums[0], mean = sums[1] * m, v = sums[2] * m - mean * mean;
     float steps = (sums[6] < sums[7] ? sums[6] : sums[7]) * LULL_GRAIN_STRAIGHT;
     float diagonal = (sums[8] < sums[9] ? sums[8] : sums[9]) * LULL_GRAIN_DIAGONAL;
-    float white = 1.0f / (v > LULL_GRAIN_FLAT ? v : LULL_GRAIN_FLAT), much, noise, ratio, grain;
+    float flat = lull_grain_flat(feature), much, noise, ratio, grain;
+    float white = 1.0f / (v > flat ? v : flat);
     noise = (light * m) * LULL_GRAIN_STRAIGHT;
     ratio = (v * (1.0f / (noise > 1.0f ? noise : 1.0f))) * part;
     white = ((steps < diagonal ? steps : diagonal) * m) * white;
     white = (white - (LULL_GRAIN_WHITE + ratio * LULL_GRAIN_WHITER)) * gain;
-    much = (v - LULL_GRAIN_FLAT) * LULL_GRAIN_MOST;
+    much = (v - flat) * lull_grain_rise(feature);
     white = white > 0.0f ? white : 0.0f;
     much = much > 0.0f ? much : 0.0f;
     grain = 2.0f - ratio * LULL_GRAIN_REAL;
@@ -553,11 +564,11 @@ LULL_INLINE void lull_grain_share(float *cell, const float *sums, float light, f
 
 /* The same of a cell, from sums over it and those around it, and over itself; light: likewise. */
 LULL_INLINE void lull_grain(float *cell, const float *around, const float *own,
-                            const float light[2], float part)
+                            const float light[2], unsigned feature, float part)
 {
     float other[LULL_GRAIN_VALUES], whole, more;
-    lull_grain_share(cell, around, light[0], LULL_GRAIN_AROUND, part);
-    lull_grain_share(other, own, light[1], LULL_GRAIN_OWN, part);
+    lull_grain_share(cell, around, light[0], feature, LULL_GRAIN_AROUND, part);
+    lull_grain_share(other, own, light[1], feature, LULL_GRAIN_OWN, part);
     other[0] = (1.0f - cell[0]) * other[0];
     whole = cell[0] + other[0];
     more = whole > 0.0f ? other[0] * (1.0f / whole) : 0.0f;

@@ -6,8 +6,8 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from export.grain import (AROUND, FLAT, MOST, OF_NORMAL, OWN, PAIRS, PER_CODE, REAL, SIDE, STEPS,
-                          SUMS, WHITE, WHITER)
+from export.grain import (AROUND, OF_ALBEDO_LEAST, OF_NORMAL, OF_NORMAL_LEAST, OWN, PAIRS, PER_CODE,
+                          REAL, SIDE, STEPS, SUMS, WHITE, WHITER, Least)
 from training.cells import between, cell_means
 from training.kernel_filter import planar
 from training.regression import windows
@@ -38,40 +38,42 @@ def light_steps(codes: Tensor, here: Tensor) -> Tensor:
     return steps
 
 
-def shares(sums: Tensor, gain: float, part: Tensor | float) -> tuple[Tensor, Tensor]:
+def shares(sums: Tensor, gain: float, part: Tensor | float,
+           least: Least) -> tuple[Tensor, Tensor]:
     """export.grain.shares of tensors, [N,SUMS + 1,H,W] -> [N,1,H,W] and [N,3,H,W];
     part: or [N,1,H,W]."""
+    flat, rise = map(float, least)
     m = 1.0 / sums[:, :1].clamp(min=1.0 / SIDE**2)
     mean = sums[:, 1:2] * m
     variance = sums[:, 2:3] * m - mean * mean
     straight, diagonal = (sums[:, k:k + 2].amin(1, keepdim=True) for k in (6, 8))
     steps = torch.minimum(straight * float(PAIRS[0]), diagonal * float(PAIRS[1]))
-    white = (steps * m) * (1.0 / variance.clamp(min=float(FLAT)))
+    white = (steps * m) * (1.0 / variance.clamp(min=flat))
     noise = ((sums[:, SUMS:] * m) * float(PAIRS[0])).clamp(min=1.0)
     ratio = variance / noise * part
     share = ((white - (float(WHITE) + ratio * float(WHITER))) * gain).clamp(0.0, 1.0)
-    share = share * ((variance - float(FLAT)) * float(MOST)).clamp(0.0, 1.0)
+    share = share * ((variance - flat) * rise).clamp(0.0, 1.0)
     share = share * (2.0 - ratio * float(REAL)).clamp(0.0, 1.0)
     return share, ((sums[:, 3:6] * m) * float(PER_CODE)).clamp(max=1.0)
 
 
-def cell_grain(sums: Tensor, part: Tensor | float) -> Tensor:
+def cell_grain(sums: Tensor, part: Tensor | float, least: Least) -> Tensor:
     """export.grain.cell_grain of tensors, [N,SUMS + 1,H,W] -> [N,4,H,W]."""
-    share, mean = shares(windows(sums), float(AROUND), part)
-    own, own_mean = shares(sums, float(OWN), part)
+    share, mean = shares(windows(sums), float(AROUND), part, least)
+    own, own_mean = shares(sums, float(OWN), part, least)
     own = (1.0 - share) * own
     whole = share + own
     return torch.cat((whole, mean + own / whole.clamp(min=1e-12) * (own_mean - mean)), 1)
 
 
-def _cleaned(feature: Tensor, here: Tensor, light: Tensor,
-             part: Tensor | float) -> tuple[Tensor, Tensor]:
+def _cleaned(feature: Tensor, here: Tensor, light: Tensor, part: Tensor | float,
+             least: Least) -> tuple[Tensor, Tensor]:
     """A feature [N,3,H,W] in [0,1] less its grain, and the shares of its cells."""
     feature, here, light = planar(feature), planar(here), planar(light)
     with torch.no_grad():
         codes = (feature.clamp(0.0, 1.0) * 255.0 + 0.5).floor()  # as export.smooth.to_code
         sums = torch.cat((products(codes, here), light_steps(light, here)), 1)
-        cells = cell_grain(cell_means(sums, SIDE), part)
+        cells = cell_grain(cell_means(sums, SIDE), part, least)
         share, mean = between(cells, feature.shape, SIDE).split((1, 3), 1)
         share = share * here
     return feature + share * (mean - feature), cells[:, :1]
@@ -81,6 +83,6 @@ def without_grain(x: Tensor, light: Tensor) -> Tensor:
     """export.grain.without_grain of the planes of `kernel_model.planes`, [N,12,H,W], and the code
     of the light, number 1 of the input, [N,1,H,W]: where a flag is 0 the feature stays as it is and
     counts for nothing. Gradients pass to features as if shares and means were constants."""
-    normal, cells = _cleaned(x[:, 6:9], x[:, 10:11], light, float(OF_NORMAL))
-    albedo, _ = _cleaned(x[:, 3:6], x[:, 9:10], light, 1.0 - cells)
+    normal, cells = _cleaned(x[:, 6:9], x[:, 10:11], light, float(OF_NORMAL), OF_NORMAL_LEAST)
+    albedo, _ = _cleaned(x[:, 3:6], x[:, 9:10], light, 1.0 - cells, OF_ALBEDO_LEAST)
     return torch.cat((x[:, :3], albedo, normal, x[:, 9:]), 1)

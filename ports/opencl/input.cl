@@ -217,7 +217,7 @@ static void put_grain(__global uchar *memory, const lull_cl_filter *a, uint feat
     light[0] = sum_around(memory, a, x, y, LULL_GRAIN_LIGHT);
     light[1] = sum_at(memory, a, x, y, LULL_GRAIN_LIGHT);
     if (has_feature(a, feature))
-        lull_grain(cell, around, own, light, part);
+        lull_grain(cell, around, own, light, feature, part);
     for (uint c = 0; c < LULL_GRAIN_VALUES; c++)
         to[c] = cell[c];
 }

@@ -170,6 +170,16 @@ def test_normals_lose_grain_and_keep_edges():
     assert np.array_equal(out[:, 96 + 24:], sharp[:, 24:])
 
 
+def test_weak_grain_of_normals_goes_and_none_of_rounding():
+    """As of 4 samples behind fog, which the regression on normals would take for shading."""
+    noise = np.random.default_rng(4).normal(0, 0.05, (96, 96, 3))
+    normal = (np.float32([0.1, 0.2, 0.8]) + noise).astype(np.float32)
+    _, out = without(None, normal)
+    assert out[INSIDE].std((0, 1)).max() < normal.std((0, 1)).max() / 4
+    normal = (np.float32([0.1, 0.2, 0.8]) + noise / 10).astype(np.float32)
+    assert np.array_equal(without(None, normal)[1], normal)
+
+
 def test_what_is_before_grainy_normals_is_no_texture():
     """Fog, which gives some pixels its own albedo and no normal, in light of little noise."""
     here = salt(96, 96)[..., :1] > 0.5
@@ -210,7 +220,7 @@ def test_all_degrees_of_grain_are_compared():
     codes = kernel.encode(albedo, albedo, None, False)[..., 3:6]
     products = np.concatenate((grain.products(codes), grain.light_steps(noisy_light(64, 320))))
     sums = grain.cell_sums(products, grain.SIDE)
-    cells = grain.cell_grain(sums, 1)
+    cells = grain.cell_grain(sums, 1, grain.OF_ALBEDO_LEAST)
     assert (cells[0] == 0).any() and (cells[0] == 1).any() and len(np.unique(cells[0])) > 10
     np.testing.assert_allclose(in_pytorch(albedo), cleaned(albedo), atol=2e-6)
 
