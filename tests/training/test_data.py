@@ -25,16 +25,17 @@ F = ["hdr", "alb", "nrm"]
 
 def test_features_are_cleaned_and_encoded(tmp_path):
     hdr = np.array([[[np.nan, -1, np.inf], [0.5, 1, 2]]], np.float32)
-    alb = np.array([[[2, -1, 0.5]] * 2], np.float32)
+    alb = np.array([[[2, -1, 0.5], [np.inf, 99, np.nan]]], np.float32)
     nrm = np.array([[[-1, 0, 3]] * 2], np.float32)
     write_features(tmp_path, "a_4", {"hdr": hdr, "alb": alb, "nrm": nrm})
     write_features(tmp_path, "a_ref", {"hdr": hdr})
     images = load(scan(tmp_path, F, ["hdr"]).groups[0].inputs[0], F)
     assert images["hdr"][0, 0, :2].tolist() == [0, 0] and np.isfinite(images["hdr"]).all()
-    assert images["alb"][0, 0].tolist() == [1, 0, 0.5]
+    assert images["alb"][0].tolist() == [[2, 0, 0.5], [64, 64, 0]]  # lamps: their light
     codes = encode(images, "hdr", "pu", 2.0)
     assert codes.shape == (1, 2, 9)
     assert codes[0, 1, 1] == pytest.approx(float(color.pu_forward(np.array(2.0))), rel=1e-5)
+    assert codes[0, :, 3:6].tolist() == [[1, 0, 0.5], [1, 1, 0]]
     assert codes[0, 0, 6:].tolist() == [0, 0.5, 1]
 
 
