@@ -200,9 +200,11 @@ static const float *count_albedo(const float *albedo, const lull_task *t, float 
                 albedo = memcpy(block, albedo, 3 * (size_t)n * sizeof *block);
             dim_lamps(block, t, x, y, first, i, last);
         }
+        if (t->plan->frame.clean_aux)
+            continue;
         while (black < last && !lull_is_black(albedo + 3 * (size_t)black, 1.0f))
             black++;
-        if (black == last || t->plan->frame.clean_aux)
+        if (black == last)
             continue;
         if (light && first == i && last - i == LULL_EMPTY_RUN
                 ? !shows_nothing(albedo + 3 * (size_t)i, light + 3 * (size_t)i, t->plan->scale,

@@ -62,13 +62,14 @@ def run(trunk: Callable[[Tensor], list[Tensor]], transfer: str, x: Tensor,
     codes = given = encode(radiance, x, kind)
     albedo = x[:, 3:6]
     steps = LAST_STEPS.get(bilateral)
+    if steps:
+        given = (given.to(x.dtype) * 255.0).round()
     if steps and steps.cleans:
-        x = without_grain(x, (given[:, 1:2].to(x.dtype) * 255.0).round().detach())
+        x = without_grain(x, given[:, 1:2])
         codes = encode(radiance, x, kind)
     heads = padded_heads(trunk, codes)
     out, smooth, noise = apply_filter(heads, radiance, x[:, 3:6], x[:, 9:10])
     if steps:
-        given = (given.to(x.dtype) * 255.0).round()
         normal = (2.0 * x[:, 6:9] - 1.0) * x[:, 10:11]
         out = smooth_result(out, smooth, noise, radiance, given, albedo, normal, heads[0],
                             bilateral)

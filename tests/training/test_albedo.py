@@ -1,20 +1,16 @@
 """Albedo as it counts: black pixels, lamps, sparks; in numpy, PyTorch and the program."""
 from __future__ import annotations
 
-import subprocess
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from export import kernel, pixels
 from export.albedo import ALBEDO_MOST, EMPTY_ALBEDO, counted_albedo
+from tests.training.test_reference_core import GOLDEN, run
 from training import kernel_model
 from training.features import clean, encode
-from training.imageio import read_image, write_pfm
 
-ROOT = Path(__file__).resolve().parents[2]
-GOLDEN = ROOT / "tests" / "golden" / "kernel" / "weights.tza"
+WEIGHTS = GOLDEN / "kernel" / "weights.tza"
 
 
 def test_black_albedo():
@@ -85,20 +81,11 @@ def lamps(height: int, width: int) -> dict[str, np.ndarray]:
 @pytest.mark.parametrize("features", [("color", "albedo"), ("color", "albedo", "normal")])
 @pytest.mark.parametrize("height, width", [(23, 1501), (90, 131), (3, 2), (1, 1)])
 def test_the_program_gives_the_bytes_of_numpy(height, width, features, build, work):
-    program = build / "bin" / "oidnDenoise"
-    if not program.exists():
-        pytest.skip("optional: the programs are not built")
     images = {f: v for f, v in lamps(height, width).items() if f in features}
-    arguments = []
-    for name, option in (("color", "--hdr"), ("albedo", "--alb"), ("normal", "--nrm")):
-        if name in images:
-            write_pfm(Path(f"{name}.pfm"), images[name])
-            arguments += [option, f"{name}.pfm"]
-    model = kernel.load(GOLDEN)
+    model = kernel.load(WEIGHTS)
     want, exact = (kernel.run_frame(model, pixels.Frame(images, "hdr", clean_aux=c))
                    for c in (False, True))
     for more in ([], ["--inplace"], ["--maxmem", "4"], ["--threads", "3"], ["--clean_aux"]):
-        subprocess.run([program, "-w", GOLDEN, "-o", "out.pfm", *arguments, *more], check=True,
-                       capture_output=True)
-        got, expected = read_image(Path("out.pfm")), exact if "--clean_aux" in more else want
+        got = run(build, work, images, WEIGHTS, "--hdr", *more)
+        expected = exact if "--clean_aux" in more else want
         assert (got.view(np.uint32) == expected.view(np.uint32)).all(), more

@@ -1,7 +1,6 @@
 """Grain of albedo and normals: what counts as it, and the same in numpy, PyTorch and the core."""
 from __future__ import annotations
 
-import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -11,10 +10,10 @@ import torch
 from export import grain, kernel, pixels
 from export.quantize import write_tensors
 from export.quantize_kernel import tensors_of
+from tests.training.test_reference_core import run
 from tests.training.tools import in_both
 from training import kernel_model, nets
 from training.grain import without_grain
-from training.imageio import read_image, write_pfm
 
 GOLDEN = Path(__file__).resolve().parent.parent / "golden" / "kernel" / "weights.tza"
 INSIDE = np.s_[16:-16, 16:-16]  # where windows see no border
@@ -292,19 +291,11 @@ def test_models_that_ask_for_it_see_the_albedo_without_grain(bilateral, monkeypa
 @pytest.mark.parametrize("steps", [kernel.ALL_STEPS, kernel.CLEAN_AND_SMOOTH])
 @pytest.mark.parametrize("height, width", [(19, 1500), (90, 300), (300, 90)])
 def test_the_program_gives_the_bytes_of_numpy(height, width, features, steps, build, work):
-    program = build / "bin" / "oidnDenoise"
-    if not program.exists():
-        pytest.skip("optional: the programs are not built")
     rng = np.random.default_rng(5)
     albedo = half_grainy(height, width)
     images = {"color": albedo * rng.gamma(1, 1, (height, width, 1)).astype(np.float32),
               "albedo": albedo, "normal": half_grainy(height, width)[:, ::-1] * 2 - 1}
     images = {f: v for f, v in images.items() if f == "color" or f in features}
-    arguments = []
-    for name, option in (("color", "--hdr"), ("albedo", "--alb"), ("normal", "--nrm")):
-        if name in images:
-            write_pfm(Path(f"{name}.pfm"), images[name])
-            arguments += [option, f"{name}.pfm"]
     model = kernel.load(GOLDEN)
     model.bilateral = steps
     write_tensors("weights.tza", tensors_of(model))
@@ -313,9 +304,7 @@ def test_the_program_gives_the_bytes_of_numpy(height, width, features, steps, bu
     assert not np.array_equal(want, clean)
     for more in ([], ["--maxmem", "4"], ["--threads", "3"], ["--inplace"], ["--clean_aux"],
                  ["--clean_aux", "--inplace"]):
-        subprocess.run([program, "-w", "weights.tza", "-o", "out.pfm", "--is", "1", *arguments,
-                        *more], check=True, capture_output=True)
-        got = read_image(Path("out.pfm"))
+        got = run(build, work, images, "weights.tza", "--hdr", "--is", "1", *more)
         expected = clean if "--clean_aux" in more else want
         assert (got.view(np.uint32) == expected.view(np.uint32)).all(), more
 
