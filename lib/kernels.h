@@ -115,6 +115,15 @@ typedef struct lull_conv {
  *
  * noise, bilateral, fit_sums, fit, regress, residual, edges: bilateral.h.
  *
+ * grain_sums: LULL_GRAIN_ALL_SUMS of each cell of LULL_GRAIN_SIDE columns (pixels.h), `plane`
+ *     apart, of `count` rows of codes that begin with a cell, at most as many as it has; `work`:
+ *     LULL_GRAIN_WORK bytes, aligned for floats.
+ *
+ * take_grain: a feature's values, 3 planes, less its grain (lull_without_grain), in their place and
+ *     in `out`, an image, unless it is NULL. `cells`: LULL_GRAIN_VALUES, cell_plane apart, of
+ *     LULL_FIT_ROOM(pixels) cells, the first of which is left of pixel 0, which begins one. Pixel i
+ *     lies between numbers j = (i + 4) / 8, cut, and j + 1: a + t (b - a), t = lull_cell_part.
+ *
  * modulate: out = S(v * smooth, 1, 0, FLT_MAX) * unscale; out is an image.
  *
  * luminance: sums[p] += (0.212671 r + 0.715160 g) + 0.072169 b, of S(r, 1, 0, FLT_MAX) etc. */

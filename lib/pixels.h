@@ -516,6 +516,9 @@ LULL_INLINE float lull_edge_share(float light, float least, float most, float st
 #define LULL_GRAIN_REAL 0.083333336f /* beyond 12 times the light's variance there is texture */
 #define LULL_GRAIN_OF_NORMAL 0.25f /* of how much more normals vary than the light what counts */
 
+#define LULL_GRAIN_BLOCK 64u /* pixels whose grain is taken at once */
+#define LULL_GRAIN_WORK 10240u /* bytes that the sums of as many take */
+
 /* Grain has a variance above this, of codes; ... */
 LULL_INLINE float lull_grain_flat(unsigned feature)
 {

@@ -286,7 +286,7 @@ static void layout(lull_plan *plan)
         play(plan);
     longest = layout_rings(plan, &total);
     plan->zero_row = (uint32_t)(lull_append(&total, longest) / LULL_ALIGN);
-    plan->scratch_bytes = LULL_BLOCK * 9 * sizeof(float);
+    plan->scratch_bytes = graph->before ? LULL_GRAIN_WORK : LULL_BLOCK * 9 * sizeof(float);
     for (unsigned l = 0; l < graph->layers; l++) {
         size_t bytes = 0;
         lull_points points;

@@ -165,22 +165,29 @@ void NAME(fit)(float *out, size_t out_plane, const float *const *rows, size_t pl
                   work);
 }
 
-LULL_INLINE vec coefficient_at(const float *b, size_t plane, unsigned k, vec part)
+/* Plane k of values of cells of 8 pixels at `cell`, on the way to those of the next cell, `part` of
+ * it: for pixels from p on, that of parts_of_cells(p). */
+LULL_INLINE vec between_cells(const float *cell, size_t plane, unsigned k, vec part)
 {
     vec before, after;
-    around(b + k * plane, &before, &after);
+    around(cell + k * plane, &before, &after);
     return add(before, mul(part, sub(after, before)));
 }
 
-LULL_INLINE void regress_block(const lull_regression *r, size_t p, unsigned n)
+LULL_INLINE vec parts_of_cells(size_t p)
 {
     static const float parts[24] = {0.0625f, 0.1875f, 0.3125f, 0.4375f, 0.5625f, 0.6875f,
                                     0.8125f, 0.9375f, 0.0625f, 0.1875f, 0.3125f, 0.4375f,
                                     0.5625f, 0.6875f, 0.8125f, 0.9375f, 0.0625f, 0.1875f,
                                     0.3125f, 0.4375f, 0.5625f, 0.6875f, 0.8125f, 0.9375f};
+    return load_n(parts + (p + LULL_FIT_SIDE / 2) % LULL_FIT_SIDE, LANES);
+}
+
+LULL_INLINE void regress_block(const lull_regression *r, size_t p, unsigned n)
+{
     const float *b = r->coefficients + (p + LULL_FIT_SIDE / 2) / LULL_FIT_SIDE;
     const size_t plane = r->plane;
-    vec part = load_n(parts + (p + LULL_FIT_SIDE / 2) % LULL_FIT_SIDE, LANES);
+    const vec part = parts_of_cells(p);
     vec f0 = plane_at(r->normal, r->normal_plane, 0, p, n);
     vec f1 = plane_at(r->normal, r->normal_plane, 1, p, n);
     vec f2 = plane_at(r->normal, r->normal_plane, 2, p, n);
@@ -189,13 +196,13 @@ LULL_INLINE void regress_block(const lull_regression *r, size_t p, unsigned n)
     vec f5 = plane_at(r->smooth, r->smooth_plane, 2, p, n);
     for (unsigned c = 0; c < 3; c++) {
         vec v = plane_at(r->v, r->v_plane, c, p, n);
-        vec k = add(mul(f0, coefficient_at(b, plane, c, part)),
-                    mul(f1, coefficient_at(b, plane, 3 + c, part)));
-        k = add(k, mul(f2, coefficient_at(b, plane, 6 + c, part)));
-        k = add(k, mul(f3, coefficient_at(b, plane, 9 + c, part)));
-        k = add(k, mul(f4, coefficient_at(b, plane, 12 + c, part)));
-        k = add(k, mul(f5, coefficient_at(b, plane, 15 + c, part)));
-        k = add(coefficient_at(b, plane, 18 + c, part), k);
+        vec k = add(mul(f0, between_cells(b, plane, c, part)),
+                    mul(f1, between_cells(b, plane, 3 + c, part)));
+        k = add(k, mul(f2, between_cells(b, plane, 6 + c, part)));
+        k = add(k, mul(f3, between_cells(b, plane, 9 + c, part)));
+        k = add(k, mul(f4, between_cells(b, plane, 12 + c, part)));
+        k = add(k, mul(f5, between_cells(b, plane, 15 + c, part)));
+        k = add(between_cells(b, plane, 18 + c, part), k);
         k = low(high(k, set(-LULL_MOST_FIT)), set(LULL_MOST_FIT));
         store_n(r->out + c * r->out_plane + p, add(v, mul(v, k)), n);
     }

@@ -51,7 +51,9 @@ LULL_INLINE ivec whole(vec v) { return vcvtq_s32_f32(v); }
 LULL_INLINE vec number(ivec v) { return vcvtq_f32_s32(v); }
 LULL_INLINE ivec set_int(int v) { return vdupq_n_s32(v); }
 LULL_INLINE ivec sub_int(ivec a, ivec b) { return vsubq_s32(a, b); }
+LULL_INLINE ivec add_int(ivec a, ivec b) { return vaddq_s32(a, b); }
 LULL_INLINE ivec or_int(ivec a, ivec b) { return vorrq_s32(a, b); }
+LULL_INLINE ivec and_int(ivec a, ivec b) { return vandq_s32(a, b); }
 #define shift_left(v, n) vshlq_n_s32(v, n)
 #define shift_right(v, n) vreinterpretq_s32_u32(vshrq_n_u32(vreinterpretq_u32_s32(v), n))
 #define shift_sign(v, n) vshrq_n_s32(v, n)
@@ -185,5 +187,7 @@ LULL_INLINE void around(const float *p, vec *before, vec *after)
 #include "../bilateral_rows.h"
 #include "../means_rows.h"
 #include "../regression_rows.h"
+
+#include "../grain_rows.h"
 
 #endif

@@ -27,6 +27,8 @@ void lull_port_neon(lull_kernels *kernels)
     kernels->regress = lull_regress_neon;
     kernels->residual = lull_residual_neon;
     kernels->edges = lull_edges_neon;
+    kernels->grain_sums = lull_grain_sums_neon;
+    kernels->take_grain = lull_take_grain_neon;
     kernels->modulate = lull_modulate_neon;
     kernels->luminance = lull_luminance_neon;
 #endif

@@ -204,3 +204,70 @@ void lull_edges_scalar(const lull_edging *edging)
     for (ptrdiff_t i = 0; i < (ptrdiff_t)edging->pixels; i++)
         lull_edge_pixel(edging, i);
 }
+
+/* L of the codes of a pixel's feature; of those of the light, if it is LULL_GRAINY. */
+static int grain_value(const uint8_t *codes, unsigned feature)
+{
+    return feature == LULL_GRAINY ? codes[LULL_GRAIN_LIGHT_CODE]
+                                  : lull_grain_light(codes + lull_grain_codes(feature));
+}
+
+/* Adds what row y of `wide` pixels makes of a feature's sums. */
+static void add_grain(uint32_t *sums, const uint8_t *const *rows, unsigned y, unsigned wide,
+                      unsigned feature)
+{
+    const uint8_t *row = rows[y], *above = y ? rows[y - 1] : NULL;
+    for (unsigned i = 0; i < wide; i++, row += 12) {
+        int here = grain_value(row, feature);
+        int step[LULL_GRAIN_STEPS] = {i + 1 < wide ? grain_value(row + 12, feature) - here : 0};
+        if (above) {
+            const uint8_t *up = above + 12 * (size_t)i;
+            step[1] = here - grain_value(up, feature);
+            step[2] = i ? here - grain_value(up - 12, feature) : 0;
+            step[3] = i + 1 < wide ? here - grain_value(up + 12, feature) : 0;
+        }
+        sums[0]++;
+        sums[1] += (uint32_t)here;
+        sums[2] += (uint32_t)(here * here);
+        for (unsigned c = 0; c < 3 && feature < LULL_GRAINY; c++)
+            sums[3 + c] += row[lull_grain_codes(feature) + c];
+        for (unsigned k = 0; k < LULL_GRAIN_STEPS; k++)
+            sums[6 + k] += (uint32_t)(step[k] * step[k]);
+    }
+}
+
+void lull_grain_sums_scalar(float *out, size_t plane, const uint8_t *const *rows, unsigned count,
+                            unsigned pixels, void *work)
+{
+    (void)work;
+    for (unsigned x = 0; x < pixels; x += LULL_GRAIN_SIDE, out++) {
+        const uint8_t *at[LULL_GRAIN_SIDE];
+        for (unsigned y = 0; y < count; y++)
+            at[y] = rows[y] + 12 * (size_t)x;
+        for (unsigned f = 0; f <= LULL_GRAINY; f++) {
+            uint32_t sums[LULL_GRAIN_SUMS] = {0};
+            for (unsigned y = 0; y < count; y++)
+                add_grain(sums, at, y, lull_min_u(pixels - x, LULL_GRAIN_SIDE), f);
+            for (size_t k = 0; k < LULL_GRAIN_SUMS && f < LULL_GRAINY; k++)
+                out[(f * LULL_GRAIN_SUMS + k) * plane] = (float)sums[k];
+            out[LULL_GRAIN_LIGHT * plane] = (float)sums[6]; /* of the last, the light */
+        }
+    }
+}
+
+void lull_take_grain_scalar(float *v, size_t plane, float *out, const float *cells,
+                            size_t cell_plane, unsigned feature, unsigned pixels)
+{
+    for (size_t i = 0; i < pixels; i++) {
+        const float *cell = cells + (i + LULL_GRAIN_SIDE / 2) / LULL_GRAIN_SIDE;
+        float part = lull_cell_part(LULL_GRAIN_SIDE, (int)i), at[LULL_GRAIN_VALUES];
+        for (size_t k = 0; k < LULL_GRAIN_VALUES; k++, cell += cell_plane)
+            at[k] = cell[0] + part * (cell[1] - cell[0]);
+        for (size_t c = 0; c < 3; c++) {
+            float *p = v + c * plane + i;
+            *p = lull_without_grain(*p, at[0], at[1 + c], feature);
+            if (out)
+                out[3 * i + c] = *p;
+        }
+    }
+}

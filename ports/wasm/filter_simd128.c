@@ -35,7 +35,9 @@ LULL_INLINE ivec whole(vec v) { return wasm_i32x4_trunc_sat_f32x4(v); }
 LULL_INLINE vec number(ivec v) { return wasm_f32x4_convert_i32x4(v); }
 LULL_INLINE ivec set_int(int v) { return wasm_i32x4_splat(v); }
 LULL_INLINE ivec sub_int(ivec a, ivec b) { return wasm_i32x4_sub(a, b); }
+LULL_INLINE ivec add_int(ivec a, ivec b) { return wasm_i32x4_add(a, b); }
 LULL_INLINE ivec or_int(ivec a, ivec b) { return wasm_v128_or(a, b); }
+LULL_INLINE ivec and_int(ivec a, ivec b) { return wasm_v128_and(a, b); }
 #define shift_left(v, n) wasm_i32x4_shl(v, n)
 #define shift_right(v, n) wasm_u32x4_shr(v, n)
 #define shift_sign(v, n) wasm_i32x4_shr(v, n)
@@ -168,3 +170,5 @@ LULL_INLINE void around(const float *p, vec *before, vec *after)
 #include "../bilateral_rows.h"
 #include "../means_rows.h"
 #include "../regression_rows.h"
+
+#include "../grain_rows.h"

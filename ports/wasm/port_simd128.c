@@ -25,6 +25,8 @@ void lull_port_simd128(lull_kernels *kernels)
     kernels->regress = lull_regress_simd128;
     kernels->residual = lull_residual_simd128;
     kernels->edges = lull_edges_simd128;
+    kernels->grain_sums = lull_grain_sums_simd128;
+    kernels->take_grain = lull_take_grain_simd128;
     kernels->modulate = lull_modulate_simd128;
     kernels->luminance = lull_luminance_simd128;
 }

@@ -51,7 +51,9 @@ LULL_INLINE ivec whole(vec v) { return _mm256_cvttps_epi32(v); }
 LULL_INLINE vec number(ivec v) { return _mm256_cvtepi32_ps(v); }
 LULL_INLINE ivec set_int(int v) { return _mm256_set1_epi32(v); }
 LULL_INLINE ivec sub_int(ivec a, ivec b) { return _mm256_sub_epi32(a, b); }
+LULL_INLINE ivec add_int(ivec a, ivec b) { return _mm256_add_epi32(a, b); }
 LULL_INLINE ivec or_int(ivec a, ivec b) { return _mm256_or_si256(a, b); }
+LULL_INLINE ivec and_int(ivec a, ivec b) { return _mm256_and_si256(a, b); }
 #define shift_left(v, n) _mm256_slli_epi32(v, n)
 #define shift_right(v, n) _mm256_srli_epi32(v, n)
 #define shift_sign(v, n) _mm256_srai_epi32(v, n)
@@ -215,4 +217,6 @@ LULL_INLINE void around(const float *p, vec *before, vec *after)
 
 #include "../bilateral_rows.h"
 #include "../regression_rows.h"
+
+#include "../grain_rows.h"
 #include "filter5_rows.h"

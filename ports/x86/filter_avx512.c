@@ -45,7 +45,9 @@ LULL_INLINE ivec whole(vec v) { return _mm512_cvttps_epi32(v); }
 LULL_INLINE vec number(ivec v) { return _mm512_cvtepi32_ps(v); }
 LULL_INLINE ivec set_int(int v) { return _mm512_set1_epi32(v); }
 LULL_INLINE ivec sub_int(ivec a, ivec b) { return _mm512_sub_epi32(a, b); }
+LULL_INLINE ivec add_int(ivec a, ivec b) { return _mm512_add_epi32(a, b); }
 LULL_INLINE ivec or_int(ivec a, ivec b) { return _mm512_or_si512(a, b); }
+LULL_INLINE ivec and_int(ivec a, ivec b) { return _mm512_and_si512(a, b); }
 #define shift_left(v, n) _mm512_slli_epi32(v, n)
 #define shift_right(v, n) _mm512_srli_epi32(v, n)
 #define shift_sign(v, n) _mm512_srai_epi32(v, n)
@@ -189,4 +191,6 @@ LULL_INLINE void around(const float *p, vec *before, vec *after)
 
 #include "../bilateral_rows.h"
 #include "../regression_rows.h"
+
+#include "../grain_rows.h"
 #include "filter5_rows.h"

@@ -32,7 +32,9 @@ LULL_INLINE ivec whole(vec v) { return _mm_cvttps_epi32(v); }
 LULL_INLINE vec number(ivec v) { return _mm_cvtepi32_ps(v); }
 LULL_INLINE ivec set_int(int v) { return _mm_set1_epi32(v); }
 LULL_INLINE ivec sub_int(ivec a, ivec b) { return _mm_sub_epi32(a, b); }
+LULL_INLINE ivec add_int(ivec a, ivec b) { return _mm_add_epi32(a, b); }
 LULL_INLINE ivec or_int(ivec a, ivec b) { return _mm_or_si128(a, b); }
+LULL_INLINE ivec and_int(ivec a, ivec b) { return _mm_and_si128(a, b); }
 #define shift_left(v, n) _mm_slli_epi32(v, n)
 #define shift_right(v, n) _mm_srli_epi32(v, n)
 #define shift_sign(v, n) _mm_srai_epi32(v, n)
@@ -155,3 +157,5 @@ LULL_INLINE void around(const float *p, vec *before, vec *after)
 #include "../bilateral_rows.h"
 #include "../means_rows.h"
 #include "../regression_rows.h"
+
+#include "../grain_rows.h"

@@ -32,6 +32,8 @@ void lull_port_avx2(lull_kernels *kernels)
     kernels->regress = lull_regress_avx2;
     kernels->residual = lull_residual_avx2;
     kernels->edges = lull_edges_avx2;
+    kernels->grain_sums = lull_grain_sums_avx2;
+    kernels->take_grain = lull_take_grain_avx2;
     kernels->modulate = lull_modulate_avx2;
     kernels->luminance = lull_luminance_avx2;
 #if !LULL_EMULATE

@@ -33,6 +33,8 @@ void lull_port_avx512(lull_kernels *kernels)
     kernels->regress = lull_regress_avx512;
     kernels->residual = lull_residual_avx512;
     kernels->edges = lull_edges_avx512;
+    kernels->grain_sums = lull_grain_sums_avx512;
+    kernels->take_grain = lull_take_grain_avx512;
     kernels->modulate = lull_modulate_avx512;
     kernels->luminance = lull_luminance_avx512;
 #endif

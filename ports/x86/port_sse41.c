@@ -25,6 +25,8 @@ void lull_port_sse41(lull_kernels *kernels)
     kernels->regress = lull_regress_sse41;
     kernels->residual = lull_residual_sse41;
     kernels->edges = lull_edges_sse41;
+    kernels->grain_sums = lull_grain_sums_sse41;
+    kernels->take_grain = lull_take_grain_sse41;
     kernels->modulate = lull_modulate_sse41;
     kernels->luminance = lull_luminance_sse41;
 }

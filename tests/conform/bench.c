@@ -437,7 +437,6 @@ static void run_fit_sums(const lull_kernels *k)
     k->fit_sums(&at, &from);
 }
 
-/* As many cells as elsewhere pixels. */
 static void run_fit(const lull_kernels *k)
 {
     const float *const row = floats + 64 * PIXELS + 1, *const rows[] = {row, row, row};
@@ -471,6 +470,16 @@ static void run_edges(const lull_kernels *k)
     const float *v = floats + 64 * PIXELS + 1, *smooth = floats + 128 * PIXELS + 1;
     lull_edging e = {floats, {v, v, v}, {smooth, smooth, smooth}, PLANE, PLANE, 0.1f, 1, PIXELS};
     k->edges(&e);
+}
+
+static void run_grain_sums(const lull_kernels *k)
+{
+    k->grain_sums(floats, PIXELS, (const uint8_t *const *)&bytes, 1, PIXELS, floats + 64 * PIXELS);
+}
+
+static void run_take_grain(const lull_kernels *k)
+{
+    k->take_grain(floats, PLANE, floats + 66 * PIXELS, floats + 128 * PIXELS, 99, 0, PIXELS);
 }
 
 static void run_modulate(const lull_kernels *k)
@@ -539,10 +548,12 @@ static unsigned bench_pixels(const char *port, const lull_kernels *kernels,
     BENCH(noise, "3 channels")
     BENCH(bilateral, "6 pixels")
     BENCH(fit_sums, "50 sums")
-    BENCH(fit, "21 of a cell")
+    BENCH(fit, "21, a cell per pixel")
     BENCH(regress, "21 coefficients")
     BENCH(residual, "4 sums")
     BENCH(edges, "4 lines")
+    BENCH(grain_sums, "a row")
+    BENCH(take_grain, "of an albedo")
     BENCH(modulate, "3 channels")
     BENCH(luminance, "3 channels")
     BENCH(curve_in, "3 channels")

@@ -414,6 +414,7 @@ static void winograd_out_cases(void)
 #include "filter_cases.h"
 #include "bilateral_cases.h"
 #include "regression_cases.h"
+#include "grain_cases.h"
 #include "patch_cases.h"
 
 /* ---- Slots ----------------------------------------------------------------------------------- */

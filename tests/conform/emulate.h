@@ -55,6 +55,8 @@
 #define lull_regress_avx2 emulated_regress_avx2
 #define lull_residual_avx2 emulated_residual_avx2
 #define lull_edges_avx2 emulated_edges_avx2
+#define lull_grain_sums_avx2 emulated_grain_sums_avx2
+#define lull_take_grain_avx2 emulated_take_grain_avx2
 #define lull_modulate_avx2 emulated_modulate_avx2
 #define lull_luminance_avx2 emulated_luminance_avx2
 #define lull_conv_f32_avx512 emulated_conv_f32_avx512
