@@ -100,10 +100,10 @@ static int is_local(const lull_plan *plan, unsigned first, unsigned l, unsigned 
            lull_plan_rows(plan, next) == 1 && is_free(graph, first, l, next);
 }
 
-/* Takes the turn of layer l, and of those after it that can be made together with it: their parts
- * are then still in caches. Notes what will be done. */
-static void take_turns(lull_group *g, lull_task *t, unsigned batch, unsigned l, unsigned ready,
-                       const lull_host *host)
+/* Takes the turn of layer l, and of those after it, before `end`, that can be made together with
+ * it: their parts are then still in caches. Notes what will be done. */
+static void take_turns(lull_group *g, lull_task *t, unsigned batch, unsigned l, unsigned end,
+                       unsigned ready, const lull_host *host)
 {
     lull_plan *plan = t->plan;
     const lull_graph *graph = &plan->model->graph;
@@ -113,7 +113,7 @@ static void take_turns(lull_group *g, lull_task *t, unsigned batch, unsigned l, 
     g->rows = (ready - g->first) / lull_plan_rows(plan, l);
     g->chunk = lull_plan_chunk(plan, l);
     lull_plan_set_done(plan, l + 1, ready);
-    for (; next < graph->layers && is_local(plan, batch, l, next); next++) {
+    for (; next < end && is_local(plan, batch, l, next); next++) {
         load_aux(t, next, host);
         if (lull_plan_done(plan, next + 1) != g->first || lull_plan_turn(plan, next) != ready)
             break;
@@ -157,15 +157,15 @@ static int is_short(const lull_task *t)
     return cost < SHORT_LOOP;
 }
 
-/* The turns of layers from l on that do not need each other, in one loop. Returns the layer after
- * them; graph->layers + 1 if the host cancels. */
-static unsigned take_batch(lull_task *t, unsigned l, const lull_host *host)
+/* The turns of layers from l on, before `end`, that do not need each other, in one loop. Returns
+ * the layer after them; graph->layers + 1 if the host cancels. */
+static unsigned take_batch(lull_task *t, unsigned l, unsigned end, const lull_host *host)
 {
     lull_plan *plan = t->plan;
     const lull_graph *graph = &plan->model->graph;
     unsigned batch = l, count = 0;
     t->groups = 0;
-    while (l < graph->layers && t->groups < LULL_GROUPS && is_free(graph, batch, l, l)) {
+    while (l < end && t->groups < LULL_GROUPS && is_free(graph, batch, l, l)) {
         unsigned ready;
         lull_group *g = &t->group[t->groups];
         load_aux(t, l, host);
@@ -176,7 +176,7 @@ static unsigned take_batch(lull_task *t, unsigned l, const lull_host *host)
         }
         if (!t->groups && !keep_going(t, host))
             return graph->layers + 1;
-        take_turns(g, t, batch, l, ready, host);
+        take_turns(g, t, batch, l, end, ready, host);
         count += g->rows * g->chunks;
         t->groups++;
         l += g->layers;
@@ -189,25 +189,38 @@ static unsigned take_batch(lull_task *t, unsigned l, const lull_host *host)
     return l;
 }
 
-/* Every layer's turn; then stores the rows of the frame that became ready, in an output image that
- * begins with row base_row. Returns 0 if the host cancels. */
-static int advance(lull_task *t, unsigned base_row, const lull_host *host)
+/* Stores the rows of the frame that became ready. */
+static void store(lull_task *t, const lull_host *host)
 {
     lull_plan *plan = t->plan;
-    unsigned layers = plan->model->graph.layers, ready;
-    t->base_row = base_row;
-    for (unsigned l = 0; l < layers;) {
-        l = take_batch(t, l, host);
-        if (l > layers)
-            return 0;
-    }
-    if (!keep_going(t, host))
-        return 0;
-    ready = lull_min_u(lull_plan_ready(plan, lull_plan_edges(plan) > 0.0f), plan->frame.height);
+    unsigned ready = lull_plan_ready(plan, lull_plan_edges(plan) > 0.0f);
+    ready = lull_min_u(ready, plan->frame.height);
     t->first = plan->stored;
     t->chunk = lull_plan_band(plan);
     make_rows(t, host, ready - t->first, t->end - t->begin, lull_exec_store);
     plan->stored = ready;
+}
+
+/* A step's turns of every layer; the output image begins with row base_row. Returns 0 if the host
+ * cancels. */
+static int advance(lull_task *t, unsigned base_row, const lull_host *host)
+{
+    unsigned layers = t->plan->model->graph.layers;
+    lull_stage stage;
+    t->base_row = base_row;
+    for (unsigned i = 0; lull_plan_stage(t->plan, i, &stage); i++)
+        for (unsigned turn = 0; turn < stage.times; turn++) {
+            for (unsigned l = stage.first; l < stage.end;) {
+                l = take_batch(t, l, stage.end, host);
+                if (l > layers)
+                    return 0;
+            }
+            if (stage.end == layers) {
+                if (!keep_going(t, host))
+                    return 0;
+                store(t, host);
+            }
+        }
     return keep_going(t, host);
 }
 

@@ -46,14 +46,38 @@ static void grow_ring(lull_plan *plan, unsigned tensor)
         lull_max_u(plan->ring[tensor].rows, lull_plan_alive(plan, tensor)) & 0xffffu;
 }
 
+/* One turn of each layer of a stage, and of the output. */
+static void play_stage(lull_plan *plan, const lull_stage *stage)
+{
+    const lull_graph *graph = &plan->model->graph;
+    unsigned made;
+    for (unsigned l = stage->first; l < stage->end; l++) {
+        if (lull_plan_brings(plan, l) && !plan->keeps_rows) {
+            lull_plan_bring(plan, l, lull_plan_aux_rows(plan, l));
+            grow_ring(plan, LULL_TENSOR_ALBEDO);
+            grow_ring(plan, LULL_TENSOR_GUIDE);
+            grow_ring(plan, LULL_TENSOR_NORMAL);
+        }
+        lull_plan_set_done(plan, l + 1, lull_plan_turn(plan, l));
+        grow_ring(plan, l + 1);
+    }
+    if (stage->end < graph->layers)
+        return;
+    made = lull_plan_ready(plan, lull_graph_mixed_by(graph) != LULL_TENSOR_NONE);
+    if (made > plan->stored)
+        plan->delay_rows =
+            lull_max_u(plan->delay_rows, lull_plan_done(plan, 0) - 1 - plan->stored);
+    plan->stored = made;
+}
+
 /* Plays the whole frame through, but for all periods of a tall one but one, and sets the rows of
  * every ring, and the delay. These depend on the row step, not on strips. */
 static void play(lull_plan *plan)
 {
-    const lull_graph *graph = &plan->model->graph;
     const unsigned period = PERIOD_STEPS * plan->row_step;
     const unsigned periods = (lull_max_u(plan->height, START_ROWS) - START_ROWS) / period;
     const unsigned left_out = (lull_max_u(periods, 1) - 1) * period;
+    lull_stage stage;
     plan->height -= left_out;
     plan->frame.height -= left_out;
     plan->played = plan->row_step;
@@ -62,27 +86,16 @@ static void play(lull_plan *plan)
     for (unsigned t = 0; t < LULL_TENSORS; t++)
         plan->ring[t].rows = 1;
     while (plan->stored < plan->height) {
-        unsigned rows = lull_min_u(lull_plan_done(plan, 0) + plan->row_step, plan->height), made;
+        unsigned rows = lull_min_u(lull_plan_done(plan, 0) + plan->row_step, plan->height);
         lull_plan_set_done(plan, LULL_TENSOR_INPUT, rows);
         lull_plan_set_done(plan, LULL_TENSOR_RADIANCE, rows);
         if (plan->keeps_rows)
             lull_plan_set_aux(plan, rows);
         for (unsigned i = 0; i < LULL_LOADED; i++)
             grow_ring(plan, lull_loaded[i]);
-        for (unsigned l = 0; l < graph->layers; l++) {
-            if (lull_plan_brings(plan, l) && !plan->keeps_rows) {
-                lull_plan_bring(plan, l, lull_plan_aux_rows(plan, l));
-                grow_ring(plan, LULL_TENSOR_ALBEDO);
-                grow_ring(plan, LULL_TENSOR_GUIDE);
-                grow_ring(plan, LULL_TENSOR_NORMAL);
-            }
-            lull_plan_set_done(plan, l + 1, lull_plan_turn(plan, l));
-            grow_ring(plan, l + 1);
-        }
-        made = lull_plan_ready(plan, lull_graph_mixed_by(graph) != LULL_TENSOR_NONE);
-        if (made > plan->stored)
-            plan->delay_rows = lull_max_u(plan->delay_rows, rows - 1 - plan->stored);
-        plan->stored = made;
+        for (unsigned i = 0; lull_plan_stage(plan, i, &stage); i++)
+            for (unsigned turn = 0; turn < stage.times; turn++)
+                play_stage(plan, &stage);
     }
     plan->height += left_out;
     plan->frame.height += left_out;

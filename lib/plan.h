@@ -157,11 +157,21 @@ typedef struct lull_points {
 } lull_points;
 size_t lull_plan_points(lull_points *points, const lull_plan *plan, unsigned l);
 
+/* In a step the layers [first, end) take their turns `times` times, one after the other, then those
+ * of the next stage. */
+typedef struct lull_stage {
+    unsigned first, end, times;
+} lull_stage;
+
+/* Stage number i of a step; 0 if there are no more. */
+int lull_plan_stage(const lull_plan *plan, unsigned i, lull_stage *stage);
+
 /* Rows of a tensor that are still needed, given what its consumers and the output have made. */
 unsigned lull_plan_alive(const lull_plan *plan, unsigned tensor);
 
 /* Rows that layer l will have made after its turn in the present step: all that its sources allow,
- * but no more than a step's worth (else the last rows of the frame would all be alive at once). */
+ * but no more than its share of a step (else the last rows of the frame would all be alive at
+ * once). */
 unsigned lull_plan_turn(const lull_plan *plan, unsigned l);
 
 #endif
