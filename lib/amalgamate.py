@@ -43,7 +43,7 @@ OWN = re.compile("^" + STATIC % r"(\w+)", re.M)
 MADE = re.compile(STATIC % r"(\w*##[\w#]+)")
 POINTERS = re.compile(r"^static [\w *]+\(\*(?:const )?(\w+)", re.M)
 TYPES = (re.compile(r"(?:struct|enum) (\w+) \{"), re.compile(r"^\} (\w+);", re.M),
-         re.compile(r"^typedef [^{;(]*\b(\w+)(?:\(|;|\[)", re.M))
+         re.compile(r"^typedef [^{;([]*\b(\w+)(?:\(|;|\[)", re.M))
 ENUM = re.compile(r"^(?:typedef )?enum[\w ]* \{(.*?)\}", re.M | re.S)
 # Functions that headers declare, one by one or by a macro.
 EXTERNAL = re.compile(r"^((?:#define \w+\([^)]*\) )?)"
