@@ -201,26 +201,35 @@ static void store(lull_task *t, const lull_host *host)
     plan->stored = ready;
 }
 
+/* One turn of each layer of a stage, and of the output. Returns 0 if the host cancels. */
+static int take_stage(lull_task *t, const lull_stage *stage, const lull_host *host)
+{
+    const unsigned layers = t->plan->model->graph.layers;
+    for (unsigned l = stage->first; l < stage->end;) {
+        l = take_batch(t, l, stage->end, host);
+        if (l > layers)
+            return 0;
+    }
+    if (stage->end < layers)
+        return 1;
+    if (!keep_going(t, host))
+        return 0;
+    store(t, host);
+    return 1;
+}
+
 /* A step's turns of every layer; the output image begins with row base_row. Returns 0 if the host
  * cancels. */
 static int advance(lull_task *t, unsigned base_row, const lull_host *host)
 {
-    unsigned layers = t->plan->model->graph.layers;
     lull_stage stage;
     t->base_row = base_row;
-    for (unsigned i = 0; lull_plan_stage(t->plan, i, &stage); i++)
-        for (unsigned turn = 0; turn < stage.times; turn++) {
-            for (unsigned l = stage.first; l < stage.end;) {
-                l = take_batch(t, l, stage.end, host);
-                if (l > layers)
-                    return 0;
-            }
-            if (stage.end == layers) {
-                if (!keep_going(t, host))
-                    return 0;
-                store(t, host);
-            }
-        }
+    for (unsigned l = 0; l < t->plan->model->graph.layers; l = stage.end) {
+        stage = lull_plan_stage(t->plan, l);
+        for (unsigned turn = 0; turn < stage.times; turn++)
+            if (!take_stage(t, &stage, host))
+                return 0;
+    }
     return keep_going(t, host);
 }
 

@@ -93,9 +93,11 @@ static void play(lull_plan *plan)
             lull_plan_set_aux(plan, rows);
         for (unsigned i = 0; i < LULL_LOADED; i++)
             grow_ring(plan, lull_loaded[i]);
-        for (unsigned i = 0; lull_plan_stage(plan, i, &stage); i++)
+        for (unsigned l = 0; l < plan->model->graph.layers; l = stage.end) {
+            stage = lull_plan_stage(plan, l);
             for (unsigned turn = 0; turn < stage.times; turn++)
                 play_stage(plan, &stage);
+        }
     }
     plan->height += left_out;
     plan->frame.height += left_out;

@@ -163,8 +163,8 @@ typedef struct lull_stage {
     unsigned first, end, times;
 } lull_stage;
 
-/* Stage number i of a step; 0 if there are no more. */
-int lull_plan_stage(const lull_plan *plan, unsigned i, lull_stage *stage);
+/* The stage that begins with layer `first`. */
+lull_stage lull_plan_stage(const lull_plan *plan, unsigned first);
 
 /* Rows of a tensor that are still needed, given what its consumers and the output have made. */
 unsigned lull_plan_alive(const lull_plan *plan, unsigned tensor);

@@ -122,45 +122,29 @@ void lull_plan_bring(lull_plan *plan, unsigned l, unsigned rows)
     lull_plan_set_done(plan, LULL_TENSOR_NORMAL, rows);
 }
 
-/* The first layer of that kind and level; all layers if there is none. */
-static unsigned find_layer(const lull_graph *graph, lull_op op, unsigned level)
-{
-    unsigned l = 0;
-    while (l < graph->layers && (graph->layer[l].op != op || graph->layer[l].level != level))
-        l++;
-    return l;
-}
-
 /* In steps of HALVED rows the layers of full resolution of family K's filter, whose rows take 12 to
- * 16 bytes a pixel, take two turns, and their rings hold fewer rows: those from the first head to
- * the next level's radiance, and from the last blend to the smoothing. */
+ * 16 bytes a pixel, and the next level's radiance take two turns: their rings hold fewer rows. */
 #define HALVED 8u
-enum { STAGES = 5 };
 
-/* Stage i of a step ends before layer edge[i]; those of odd number take two turns. */
-static void find_edges(unsigned *edge, const lull_plan *plan)
+/* 1 if layer l takes two turns in a step. */
+static unsigned is_halved(const lull_plan *plan, unsigned l)
 {
-    const lull_graph *graph = &plan->model->graph;
-    for (unsigned i = 0; i < STAGES; i++)
-        edge[i] = graph->layers;
-    if (graph->family != LULL_FAMILY_K || plan->row_step != HALVED)
-        return;
-    edge[0] = find_layer(graph, LULL_OP_HEAD, 0);
-    edge[1] = lull_min_u(find_layer(graph, LULL_OP_POOL, 1), graph->layers - 1) + 1;
-    edge[2] = find_layer(graph, LULL_OP_BLEND, 0);
-    edge[3] = lull_min_u(find_layer(graph, LULL_OP_BILATERAL, 0), graph->layers - 1) + 1;
+    enum { FULL = 1, HALF }; /* one more than the level */
+    static const uint8_t resolution[LULL_OPS] = {
+        [LULL_OP_HEAD] = FULL,      [LULL_OP_SMOOTH] = FULL, [LULL_OP_DEMODULATE] = FULL,
+        [LULL_OP_POOL] = HALF,      [LULL_OP_FILTER] = FULL, [LULL_OP_BLEND] = FULL,
+        [LULL_OP_BILATERAL] = FULL, [LULL_OP_FACE] = FULL};
+    const lull_layer *layer = &plan->model->graph.layer[l];
+    return plan->row_step == HALVED && resolution[layer->op] == layer->level + 1;
 }
 
-int lull_plan_stage(const lull_plan *plan, unsigned i, lull_stage *stage)
+lull_stage lull_plan_stage(const lull_plan *plan, unsigned first)
 {
-    unsigned edge[STAGES];
-    if (i >= STAGES)
-        return 0;
-    find_edges(edge, plan);
-    stage->first = i ? edge[i - 1] : 0;
-    stage->end = edge[i];
-    stage->times = 1 + i % 2;
-    return stage->first < stage->end;
+    const unsigned halved = is_halved(plan, first);
+    lull_stage stage = {first, first + 1, 1 + halved};
+    while (stage.end < plan->model->graph.layers && is_halved(plan, stage.end) == halved)
+        stage.end++;
+    return stage;
 }
 
 /* Rows of layer l in a turn, after pooling: as many as a step brings, rounded up, lest a layer fall
@@ -168,12 +152,9 @@ int lull_plan_stage(const lull_plan *plan, unsigned i, lull_stage *stage)
 static unsigned turn_rows(const lull_plan *plan, unsigned l)
 {
     const lull_layer *layer = &plan->model->graph.layer[l];
-    unsigned shift = layer->level + layer->pool, edge[STAGES];
+    unsigned shift = layer->level + layer->pool;
     unsigned turn = (plan->row_step + (1u << shift) - 1) >> shift;
-    find_edges(edge, plan);
-    if ((l >= edge[0] && l < edge[1]) || (l >= edge[2] && l < edge[3]))
-        turn /= 2;
-    return (unsigned)lull_align_up(turn, lull_plan_rows(plan, l));
+    return (unsigned)lull_align_up(turn >> is_halved(plan, l), lull_plan_rows(plan, l));
 }
 
 unsigned lull_plan_aux_rows(const lull_plan *plan, unsigned l)
