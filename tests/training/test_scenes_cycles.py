@@ -79,6 +79,7 @@ def group_of(root: Path, name: str):
     (["--blend", "a.blend", "--ref", "64,256"], 2, "--ref: one count"),
     (["--seeds", "1", "--threads", "-1"], 2, "--threads"),
     (["--seeds", "1", "--size", "0x4"], 2, "--size"),
+    (["--seeds", "1", "--noise_threshold", "0"], 2, "--noise_threshold must be above 0"),
     (["--blend", "nowhere.blend"], 3, "nowhere.blend is not a file"),
 ])
 def test_what_cannot_be_is_refused(tmp_path, options, code, message):
@@ -181,6 +182,25 @@ def test_still_lifes(tmp_path):
         assert layout == "objects" and 1 <= len(extras) <= 2
     assert np.abs(load(group_of(twice[0], "o00007").target, FEATURES)["hdr"]
                   - first[-1]["hdr"]).mean() > 0.01
+
+
+@needs_bpy
+def test_adaptive_sampling_is_of_the_noisy_images_alone(tmp_path):
+    common = ["--still_lifes", "--seeds", "7", *SMALL[:2], "--spp", "256", "--ref", "320",
+              "--threads", "2"]
+    seen = []
+    for threshold in ("0.9", "0.01"):
+        done = start(tmp_path / threshold, *common, "--noise_threshold", threshold)
+        assert done.returncode == 0, done.stderr
+        group = group_of(tmp_path / threshold, "o00007")
+        seen.append([np.log1p(np.maximum(load(v, FEATURES)["hdr"], 0))
+                     for v in (*group.inputs, group.target)])
+    (few, target), (many, same) = seen
+    assert np.abs(target - same).mean() < 1e-4
+    typical = [np.median(np.abs(x - target) / (target + 1e-3)) for x in (few, many)]
+    assert typical[0] > 1.5 * typical[1] > 0  # the mean is of single bright pixels
+    again = start(tmp_path / "0.9", *common)
+    assert again.returncode == 4 and "noise_threshold = 0.9, not None" in again.stderr
 
 
 @needs_bpy

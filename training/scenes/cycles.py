@@ -51,6 +51,9 @@ def parser() -> argparse.ArgumentParser:
                    help="how many of the counts a picture gets, drawn per seed (0 = all)")
     p.add_argument("--ref", default="1024", help="samples of the target; with --seeds a list gives "
                    "each scene the least that leaves it clean")
+    p.add_argument("--noise_threshold", type=float, metavar="T", help="adaptive sampling of "
+                   "the noisy images: where the noise is below this (Blender's default is 0.01) "
+                   "they get no more samples, elsewhere --spp (default: --spp everywhere)")
     p.add_argument("--shard", default="0/1", metavar="i/n",
                    help="the i-th of n shares of the pictures, i from 0")
     p.add_argument("--threads", type=int, default=0, help="CPU threads, 0 = all cores")
@@ -71,7 +74,7 @@ def set_up(scene, size: tuple[int, int] | None, threads: int) -> None:
     or None for the scene's own."""
     scene.render.engine = "CYCLES"
     cycles, render = scene.cycles, scene.render
-    cycles.device, cycles.use_denoising, cycles.use_adaptive_sampling = "CPU", False, False
+    cycles.device, cycles.use_denoising = "CPU", False
     cycles.time_limit = 0
     kept = next((x for x in scene.view_layers if x.use), scene.view_layers[0])
     for layer in scene.view_layers:
@@ -92,10 +95,15 @@ def set_up(scene, size: tuple[int, int] | None, threads: int) -> None:
     render.use_file_extension = False
 
 
-def shoot(bpy, path: str, samples: int, seed: int) -> None:
-    """Renders the current scene into a file; seed: any number from 0."""
+def shoot(bpy, path: str, samples: int, seed: int, threshold: float | None = None) -> None:
+    """Renders the current scene into a file; seed: any number from 0; threshold: of the noise below
+    which a pixel gets no more samples."""
     scene = bpy.context.scene
-    scene.cycles.samples, scene.cycles.seed = samples, seed & 0x7FFFFFFF
+    cycles = scene.cycles
+    cycles.samples, cycles.seed = samples, seed & 0x7FFFFFFF
+    cycles.use_adaptive_sampling = threshold is not None
+    if threshold is not None:
+        cycles.adaptive_threshold = threshold
     scene.render.filepath = path
     bpy.ops.render.render(write_still=True)
     if not os.path.exists(path):
@@ -111,14 +119,15 @@ def pilot(bpy, seed: int) -> np.ndarray:
     return np.concatenate([images[f] for f in FEATURES], -1)
 
 
-def levels(bpy, out: str, name: str, counts: list[int], seed: int, manifest: dict) -> float:
+def levels(bpy, out: str, name: str, counts: list[int], seed: int, manifest: dict,
+           threshold: float | None) -> float:
     """Renders the current scene at these counts into out/name, which appears when all are done;
-    the seconds that it took."""
+    the seconds that it took. threshold: of all but the last, the target (shoot)."""
     begin = time.time()
     with picture.folder(out, name) as temporary:
         for spp in reversed(counts):  # an unfinished group has its target at least
             shoot(bpy, os.path.join(temporary, f"{name}_{spp:04d}spp.exr"), spp,
-                  seed * 1000 + spp)
+                  seed * 1000 + spp, threshold if spp < counts[-1] else None)
         seconds = round(time.time() - begin, 2)
         picture.publish(out, name, {**manifest, "blender": bpy.app.version_string,
                                     "samples": counts, "seconds": seconds})
@@ -174,7 +183,7 @@ def procedural(bpy, args: argparse.Namespace, counts: list[int], targets: list[i
                size: tuple[int, int]) -> None:
     """Scenes of seeds. The noise and the choice of counts are those of render."""
     seeds = options.shard(options.seed_list(args.seeds), args.shard)
-    kept = {k: getattr(args, k) for k in ("size", "spp", "pick", "ref")}
+    kept = {k: getattr(args, k) for k in ("size", "spp", "pick", "ref", "noise_threshold")}
     kept["assets"] = bool(args.assets)
     letter = "o" if args.still_lifes else "c"
     todo = options.unfinished(args.out, seeds, letter, "scenes to render", kept)
@@ -189,7 +198,8 @@ def procedural(bpy, args: argparse.Namespace, counts: list[int], targets: list[i
         noisy = draw_counts(np.random.default_rng([seed, 99]), counts, args.pick, target)
         manifest |= {"noise": round(noise_at(noise, target), 4), "options": kept}
         name = f"{letter}{seed:05d}"
-        seconds = levels(bpy, args.out, name, [*noisy, target], seed, manifest)
+        seconds = levels(bpy, args.out, name, [*noisy, target], seed, manifest,
+                         args.noise_threshold)
         print(f"{k + 1}/{len(todo)} {name} {manifest['layout']} {noisy} + {target} spp, "
               f"noise {manifest['noise']}, {seconds} s", flush=True)
 
@@ -218,7 +228,7 @@ def own(bpy, args: argparse.Namespace, counts: list[int], size: tuple[int, int] 
     if len(set(plain.values())) < len(names):
         raise ToolError(f"{args.blend}: cameras of one name but for marks ({', '.join(names)}), "
                         "which are not told apart in names of files", DATA)
-    kept = {k: getattr(args, k) for k in ("size", "spp", "ref")}
+    kept = {k: getattr(args, k) for k in ("size", "spp", "ref", "noise_threshold")}
     jobs = options.shard([(f, c) for f in frames for c in names], args.shard)
     for k, (frame, camera) in enumerate(jobs):
         name = f"{base}-f{frame:04d}" + (f"-{plain[camera]}" if len(names) > 1 else "")
@@ -228,7 +238,7 @@ def own(bpy, args: argparse.Namespace, counts: list[int], size: tuple[int, int] 
         scene.camera = cameras[camera]
         seconds = levels(bpy, args.out, name, counts, frame,
                          {"blend": os.path.basename(args.blend), "frame": frame,
-                          "camera": camera, "options": kept})
+                          "camera": camera, "options": kept}, args.noise_threshold)
         print(f"{k + 1}/{len(jobs)} {name} {counts} spp, {seconds} s", flush=True)
 
 
@@ -246,6 +256,8 @@ def run(args: argparse.Namespace) -> None:
         raise ToolError("--ref: one count with --blend", USAGE)
     if args.blend and not os.path.isfile(args.blend):
         raise ToolError(f"--blend: {args.blend} is not a file", DATA)
+    if args.noise_threshold is not None and not 0 < args.noise_threshold <= 1:
+        raise ToolError("--noise_threshold must be above 0, 1 at most", USAGE)
     if args.threads < 0:
         raise ToolError("--threads must be at least 0", USAGE)
     options.make_folder(args.out)
