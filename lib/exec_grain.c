@@ -5,8 +5,7 @@
 
 #define SIDE LULL_GRAIN_SIDE
 enum {
-    PIXEL = 12,   /* codes of a pixel */
-    CLIPPED = 11, /* the last of which says whether it is */
+    CLIPPED = LULL_CODES - 1, /* the code that says whether a pixel is */
     SOME = LULL_GRAIN_BLOCK,
     MANY = 4 * SOME,
     NEAR = LULL_FIT_ROOM(MANY) /* cells around so many pixels from the first of a cell on */
@@ -30,7 +29,7 @@ void lull_exec_grain_sums(const lull_task *t, unsigned x, unsigned y, unsigned n
         return;
     }
     for (unsigned row = top; row < bottom; row++)
-        rows[row - top] = lull_exec_row(plan, LULL_TENSOR_INPUT, row) + (size_t)left * PIXEL;
+        rows[row - top] = lull_exec_row(plan, LULL_TENSOR_INPUT, row) + (size_t)left * LULL_CODES;
     kernels->grain_sums(out, plane, rows, bottom - top, right - left, lull_exec_scratch(t, worker));
 }
 
@@ -155,7 +154,7 @@ void lull_exec_clean(const lull_task *t, unsigned x, unsigned y, unsigned n, uns
 typedef struct encoding {
     near_values cell[LULL_GRAINY];
     float block[3 * SOME], planes[4][SOME], pixels[LULL_GRAINY][3 * SOME];
-    uint8_t codes[PIXEL * SOME];
+    uint8_t codes[LULL_CODES * SOME];
 } encoding;
 
 typedef char encoding_fits[sizeof(encoding) <= LULL_GRAIN_WORK ? 1 : -1];
@@ -191,7 +190,7 @@ static void encode_some(encoding *e, const lull_task *t, unsigned x, unsigned i,
     const lull_plan *plan = t->plan;
     const lull_kernels *kernels = &plan->model->kernels;
     const unsigned normals = lull_grain_codes(LULL_GRAIN_NORMAL);
-    uint8_t *codes = lull_exec_row(plan, LULL_TENSOR_INPUT, y) + (size_t)x * PIXEL;
+    uint8_t *codes = lull_exec_row(plan, LULL_TENSOR_INPUT, y) + (size_t)x * LULL_CODES;
     const float *albedo = get_clean(e, t, LULL_GRAIN_ALBEDO, x, i, y, n);
     const float *normal = get_clean(e, t, LULL_GRAIN_NORMAL, x, i, y, n);
     unsigned first, last;
@@ -211,7 +210,7 @@ static void encode_some(encoding *e, const lull_task *t, unsigned x, unsigned i,
     first = albedo ? 0 : normals;
     last = normal ? normals + 3 : normals;
     for (unsigned k = 0; k < n; k++)
-        memcpy(codes + k * PIXEL + first, e->codes + k * PIXEL + first, last - first);
+        memcpy(codes + k * LULL_CODES + first, e->codes + k * LULL_CODES + first, last - first);
 }
 
 /* In the place of the input's rows, which nobody needs any more. */

@@ -52,6 +52,7 @@ LULL_INLINE uint8_t lull_to_code(float v)
 #define LULL_FILTER_EPSILON 0.02f
 #define LULL_LARGEST 3.402823466e38f /* FLT_MAX */
 #define LULL_LOG_GAIN 32.0f
+#define LULL_CODES 12u /* of a pixel of the input: radiance, albedo, normal, flags; 3 of each */
 #define LULL_CODES_PER_OCTAVE 21.2493764f /* 255 / log2(1 + 32 * 128) */
 /* A code of u = m 2^e, m in [sqrt(1/2), sqrt(2)), t = m - 1: e LULL_CODES_PER_OCTAVE + t
  * ((LULL_LOG_2 t + LULL_LOG_1) + (t t) (LULL_LOG_4 t + LULL_LOG_3)), within 0.0022 of the

@@ -129,7 +129,7 @@ LULL_INLINE void encode_block(uint8_t *codes, const lull_encoding *from, size_t 
     }
     d1 = dword(a[1], a[2], m[0], m[1]);
     d2 = or_int(m[2], set_int((int)(from->flags << 8)));
-    join((float *)(void *)(codes + 12 * p), n, floats(d0), floats(d1), floats(d2));
+    join((float *)(void *)(codes + LULL_CODES * p), n, floats(d0), floats(d1), floats(d2));
 }
 
 /* Less than a vector; apart, for its registers would be kept in the frame of the whole ones. */

@@ -8,7 +8,6 @@
 enum {
     GRAIN_SIDE = LULL_GRAIN_SIDE,
     GRAIN_BLOCK = LULL_GRAIN_BLOCK,
-    GRAIN_CODES = 12, /* of a pixel */
     GRAIN_COLUMNS = 8 /* sums of columns at once: L, r, g, b of two features, or of one the rest */
 };
 
@@ -47,7 +46,7 @@ LULL_INLINE void grain_read(grain_work *work, const uint8_t *const *rows, unsign
 {
     ivec of_r = set_int(0), of_gx = of_r, of_by = of_r, of_z = of_r, of_l = of_r;
     for (unsigned y = 0; y < count; y++) {
-        const uint8_t *codes = rows[y] + from * GRAIN_CODES;
+        const uint8_t *codes = rows[y] + from * LULL_CODES;
         vec first, second, third;
         ivec a, b, c, high, albedo, normal;
         split((const float *)(const void *)codes, n, &first, &second, &third);

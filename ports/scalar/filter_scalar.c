@@ -17,7 +17,7 @@ static void get_albedo(float *a, const float *pixel)
 void lull_encode_scalar(uint8_t *codes, const lull_encoding *from, unsigned pixels)
 {
     const float *albedo = from->albedo, *normal = from->normal, none = 1.0f - LULL_FILTER_EPSILON;
-    for (size_t i = 0; i < pixels; i++, codes += 12) {
+    for (size_t i = 0; i < pixels; i++, codes += LULL_CODES) {
         float a[3] = {none, none, none}, share[3];
         if (albedo)
             get_albedo(a, albedo + 3 * i);
@@ -217,14 +217,15 @@ static void add_grain(uint32_t *sums, const uint8_t *const *rows, unsigned y, un
                       unsigned feature)
 {
     const uint8_t *row = rows[y], *above = y ? rows[y - 1] : NULL;
-    for (unsigned i = 0; i < wide; i++, row += 12) {
+    for (unsigned i = 0; i < wide; i++, row += LULL_CODES) {
         int here = grain_value(row, feature);
-        int step[LULL_GRAIN_STEPS] = {i + 1 < wide ? grain_value(row + 12, feature) - here : 0};
+        int step[LULL_GRAIN_STEPS] = {i + 1 < wide ? grain_value(row + LULL_CODES, feature) - here
+                                                    : 0};
         if (above) {
-            const uint8_t *up = above + 12 * (size_t)i;
+            const uint8_t *up = above + LULL_CODES * (size_t)i;
             step[1] = here - grain_value(up, feature);
-            step[2] = i ? here - grain_value(up - 12, feature) : 0;
-            step[3] = i + 1 < wide ? here - grain_value(up + 12, feature) : 0;
+            step[2] = i ? here - grain_value(up - LULL_CODES, feature) : 0;
+            step[3] = i + 1 < wide ? here - grain_value(up + LULL_CODES, feature) : 0;
         }
         sums[0]++;
         sums[1] += (uint32_t)here;
@@ -243,7 +244,7 @@ void lull_grain_sums_scalar(float *out, size_t plane, const uint8_t *const *rows
     for (unsigned x = 0; x < pixels; x += LULL_GRAIN_SIDE, out++) {
         const uint8_t *at[LULL_GRAIN_SIDE];
         for (unsigned y = 0; y < count; y++)
-            at[y] = rows[y] + 12 * (size_t)x;
+            at[y] = rows[y] + LULL_CODES * (size_t)x;
         for (unsigned f = 0; f <= LULL_GRAINY; f++) {
             uint32_t sums[LULL_GRAIN_SUMS] = {0};
             for (unsigned y = 0; y < count; y++)

@@ -90,7 +90,8 @@ static void edges_case(unsigned pixels, float even)
 {
     const float none[] = {NAN, -1.0f, 1e-39f};
     int at_end = guard_below(2) != 0;
-    size_t bytes = 12 * (size_t)pixels, v_plane = pixels + 2 + GAP, smooth_plane = pixels + 3;
+    size_t bytes = LULL_CODES * (size_t)pixels;
+    size_t v_plane = pixels + 2 + GAP, smooth_plane = pixels + 3;
     float *out = guard_place(GUARD_OUT, bytes, at_end);
     lull_edging e = {out, {NULL}, {NULL}, v_plane, smooth_plane, 0.0f, 0.7f, pixels};
     e.strength = guard_below(4) ? LULL_EDGE_SHARE * 0.01f * (float)guard_below(101) : 0.0f;

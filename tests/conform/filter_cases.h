@@ -147,7 +147,7 @@ static void encode_case(unsigned pixels, int has_albedo, int has_normal)
     float *radiance = make_floats(GUARD_ROW, 3 * pixels, 0.0f, most, at_end);
     float *albedo = make_albedo(GUARD_ROW + 1, pixels, at_end);
     float *normal = make_floats(GUARD_ROW + 2, 3 * pixels, -1.0f, 1.0f, at_end);
-    uint8_t *out = guard_place(GUARD_OUT, 12 * (size_t)pixels, at_end);
+    uint8_t *out = guard_place(GUARD_OUT, LULL_CODES * (size_t)pixels, at_end);
     lull_encoding from = {radiance, albedo, normal, 1.0f, 65504.0f, 0x5aff00};
     spoil(radiance, 3 * (size_t)pixels);
     spoil(normal, 3 * (size_t)pixels);
@@ -162,14 +162,14 @@ static void encode_case(unsigned pixels, int has_albedo, int has_normal)
             float a = from.albedo ? albedo_value(albedo + 3 * i, c) : 0.0f;
             n = n > -1.0f ? n : n <= -1.0f ? -1.0f : 0.0f;
             n = (n < 1.0f ? n : 1.0f) * 127.5f + 128.0f;
-            CHECK(out[12 * i + 3 + c] == (int)((a < 1.0f ? a : 1.0f) * 255.0f + 0.5f));
-            CHECK(abs(out[12 * i + 6 + c] - (n < 255.0f ? (int)n : 255)) <= 1);
-            CHECK(out[12 * i + 9 + c] == (c == 0 ? 0 : c == 1 ? 0xff : 0x5a));
+            CHECK(out[LULL_CODES * i + 3 + c] == (int)((a < 1.0f ? a : 1.0f) * 255.0f + 0.5f));
+            CHECK(abs(out[LULL_CODES * i + 6 + c] - (n < 255.0f ? (int)n : 255)) <= 1);
+            CHECK(out[LULL_CODES * i + 9 + c] == (c == 0 ? 0 : c == 1 ? 0xff : 0x5a));
         }
-    memcpy(expected, out, 12 * (size_t)pixels);
-    memset(out, 1, 12 * (size_t)pixels);
+    memcpy(expected, out, LULL_CODES * (size_t)pixels);
+    memset(out, 1, LULL_CODES * (size_t)pixels);
     now.port->encode(out, &from, pixels);
-    same_bytes(out, 12 * (size_t)pixels, "encode", pixels);
+    same_bytes(out, LULL_CODES * (size_t)pixels, "encode", pixels);
 }
 
 /* Of the codes that `encode` makes. */
@@ -178,13 +178,13 @@ static void guide_case(unsigned pixels, int has_albedo, int has_normal)
     int at_end = guard_below(2) != 0;
     float *albedo = make_albedo(GUARD_ROW, pixels, at_end), radiance[3 * 70] = {0};
     float *normal = make_floats(GUARD_ROW + 1, 3 * pixels, -1.0f, 1.0f, at_end);
-    uint8_t *out = guard_place(GUARD_OUT, 2 * (size_t)pixels, at_end), codes[12 * 70];
+    uint8_t *out = guard_place(GUARD_OUT, 2 * (size_t)pixels, at_end), codes[LULL_CODES * 70];
     lull_encoding from = {radiance, has_albedo ? albedo : NULL, has_normal ? normal : NULL, 1.0f,
                           65504.0f, 0};
     spoil(normal, 3 * (size_t)pixels);
     now.scalar.encode(codes, &from, pixels);
     for (size_t i = 0; i < pixels; i++) {
-        const uint8_t *a = codes + 12 * i + 3, *n = a + 3;
+        const uint8_t *a = codes + LULL_CODES * i + 3, *n = a + 3;
         expected[2 * i] = (uint8_t)(has_normal ? (2 * n[0] - n[1] - n[2] + 510) / 8 : a[0] / 2);
         expected[2 * i + 1] =
             (uint8_t)(has_normal ? 7 * (n[1] - n[2] + 255) / 32 : (a[1] + a[2]) / 4);
@@ -265,7 +265,7 @@ static void spread_xyz_cases(void)
 static void modulate_case(unsigned pixels)
 {
     int at_end = guard_below(2) != 0;
-    size_t plane = pixels + GAP, smooth_plane = pixels + 1, bytes = 12 * (size_t)pixels;
+    size_t plane = pixels + GAP, smooth_plane = pixels + 1, bytes = LULL_CODES * (size_t)pixels;
     float *v = make_floats(GUARD_ROW, 2 * plane + pixels, 0.0f, 99.0f, at_end);
     float *smooth = make_floats(GUARD_ROW + 1, 2 * smooth_plane + pixels, 0.02f, 1.02f, at_end);
     float *out = guard_place(GUARD_OUT, bytes, at_end);

@@ -18,7 +18,7 @@ static void sum_grain(int *sums, const uint8_t *const *rows, unsigned x, unsigne
     memset(sums, 0, LULL_GRAIN_SUMS * sizeof *sums);
     for (unsigned y = 0; y < h; y++)
         for (unsigned i = 0; i < w; i++) {
-            const uint8_t *codes = rows[y] + 12 * (size_t)(x + i);
+            const uint8_t *codes = rows[y] + LULL_CODES * (size_t)(x + i);
             int here = grain_value(codes, feature);
             sums[0]++;
             sums[1] += here;
@@ -26,14 +26,14 @@ static void sum_grain(int *sums, const uint8_t *const *rows, unsigned x, unsigne
             for (unsigned c = 0; c < 3 && feature < LULL_GRAINY; c++)
                 sums[3 + c] += codes[lull_grain_codes(feature) + c];
             if (i + 1 < w)
-                sums[6] += square(grain_value(codes + 12, feature) - here);
+                sums[6] += square(grain_value(codes + LULL_CODES, feature) - here);
             if (y + 1 < h) {
-                const uint8_t *below = rows[y + 1] + 12 * (size_t)(x + i);
+                const uint8_t *below = rows[y + 1] + LULL_CODES * (size_t)(x + i);
                 sums[7] += square(grain_value(below, feature) - here);
                 if (i + 1 < w)
-                    sums[8] += square(grain_value(below + 12, feature) - here);
+                    sums[8] += square(grain_value(below + LULL_CODES, feature) - here);
                 if (i > 0)
-                    sums[9] += square(grain_value(below - 12, feature) - here);
+                    sums[9] += square(grain_value(below - LULL_CODES, feature) - here);
             }
         }
 }
@@ -47,8 +47,8 @@ static void grain_sums_case(unsigned pixels, unsigned count)
     size_t plane, bytes;
     float *out = place_planes(LULL_GRAIN_ALL_SUMS, cells, &plane, &bytes, at_end);
     for (unsigned y = 0; y < count; y++) {
-        uint8_t *row = guard_place(GUARD_ROW + y, 12 * (size_t)pixels, at_end);
-        for (size_t i = 0; i < 12 * (size_t)pixels; i++)
+        uint8_t *row = guard_place(GUARD_ROW + y, LULL_CODES * (size_t)pixels, at_end);
+        for (size_t i = 0; i < LULL_CODES * (size_t)pixels; i++)
             row[i] = (uint8_t)(now.pattern == CASES_MIN ? 0
                                : now.pattern == CASES_MAX ? (guard_below(2) ? 255 : 0)
                                                           : guard_below(256));
