@@ -164,6 +164,8 @@ void denoise_commit(frame_job *job, OIDNFilter filter)
     const denoise_settings *s = job->settings;
     if (s->quality >= 0)
         oidnSetFilterInt(filter, "quality", s->quality);
+    if (s->is_panorama)
+        oidnSetFilterBool(filter, "panorama", true);
     if (s->ensemble > 1)
         oidnSetFilterInt(filter, "ensemble", s->ensemble);
     if (s->max_memory >= 0)

@@ -120,6 +120,7 @@ static const option table[] = {
     TEXT("nrm normal", files[IMAGE_NORMAL], "FILE", "normals in [-1, 1]"),
     FLAG("clean_aux clean-aux cleanAux cleanaux", is_aux_clean, 1,
          "albedo and normals have no noise"),
+    FLAG("panorama", is_panorama, 1, "of a whole sphere (equirectangular): no seam is left"),
     FLAG("prefilter", is_prefiltering, 1,
          "denoise the albedo first: may help at 1 to 4 samples of fine textures"),
     CALL("layer layers", set_layer, 1, "ROLE=NAME",
@@ -219,6 +220,8 @@ static exit_code validate(const S *s)
                             s->filter);
     if (s->is_hdr && s->is_srgb && !strcmp(s->filter, "RT"))
         return report_error(EXIT_USAGE, "--srgb does not go with --hdr: HDR images are linear");
+    if (s->is_panorama && strcmp(s->filter, "RT"))
+        return report_error(EXIT_USAGE, "--panorama is for the filter RT");
     if (!s->files[IMAGE_COLOR] && s->files[IMAGE_ALBEDO] && s->files[IMAGE_NORMAL])
         return report_error(EXIT_USAGE,
                             "albedo and normals cannot be denoised together without a colour");

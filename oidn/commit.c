@@ -127,40 +127,78 @@ static bool find_overlap(OIDNFilter filter, const lull_frame *frame, bool *stage
     return overlap;
 }
 
-/* What executions need beside the plan, and whether they may write the output while they read. */
+/* Pixels around a panorama: as far as what lies there shows in the result (docs/models.md). */
+#define PANORAMA_BORDER 64u
+
+/* Bytes of the inputs of a panorama; frame: with its border. */
+static size_t bordered_bytes(OIDNFilter filter, const lull_frame *frame)
+{
+    size_t bytes = 0;
+    unsigned i;
+
+    for (i = 0; i < LULL_OUTPUT; i++)
+        if (frame->features >> i & 1)
+            bytes += lull_panorama_bytes(lull_format_bytes(filter->images[i].format), frame);
+    return bytes;
+}
+
+/* What executions need beside the plan, and whether they may write the output while they read. The
+ * frame of a panorama gets its border. */
 static bool find_pictures(lull_pictures *pictures, OIDNFilter filter, lull_frame *frame,
                           lull_fault *fault)
 {
     const lull_image_param *output = &filter->images[LULL_OUTPUT];
     const int n = filter->values[lull_value_ensemble].i;
-    const size_t pixels = output->width * output->height;
-    const size_t sum_bytes = pixels * lull_format_channels(output->format) * sizeof(float);
+    const bool is_panorama = filter->values[lull_value_panorama].i && frame->width && frame->height;
+    uint64_t pixels;
+    size_t sum_bytes;
     bool staged;
 
     memset(pictures, 0, sizeof *pictures);
     if (n != 1 && n != 2 && n != 4)
         return lull_fail(fault, OIDN_ERROR_INVALID_ARGUMENT,
                          "ensemble is %d; it must be 1, 2 or 4", n);
-    if (n > 1 && (uint64_t)pixels * 3 * sizeof(float) > SIZE_MAX / 4)
-        return lull_fail(fault, OIDN_ERROR_OUT_OF_MEMORY, "out of memory: pictures of %llu pixels",
-                         (unsigned long long)pixels);
     pictures->orientations = (unsigned)n;
     frame->in_place = find_overlap(filter, frame, &staged);
+    if (is_panorama) {
+        pictures->border = PANORAMA_BORDER;
+        frame->width += 2 * PANORAMA_BORDER;
+        frame->height += 2 * PANORAMA_BORDER;
+        frame->in_place = 0;
+        staged = true;
+    }
+    pixels = (uint64_t)frame->width * frame->height;
+    if ((n > 1 || is_panorama) && pixels * 3 * sizeof(float) > SIZE_MAX / 8)
+        return lull_fail(fault, OIDN_ERROR_OUT_OF_MEMORY, "out of memory: pictures of %llu pixels",
+                         (unsigned long long)pixels);
+    sum_bytes = (size_t)pixels * lull_format_channels(output->format) * sizeof(float);
     if (n > 1) {
-        staged = frame->in_place || output->format >= OIDN_FORMAT_HALF;
+        staged = staged || frame->in_place || output->format >= OIDN_FORMAT_HALF;
         pictures->turned_bytes = sum_bytes;
     }
     if (staged || (frame->in_place && filter->device->engine)) {
         frame->in_place = 0;
-        pictures->staged_bytes = n > 1 ? sum_bytes : pixels * lull_format_bytes(output->format);
+        pictures->staged_bytes =
+            n > 1 ? sum_bytes : (size_t)pixels * lull_format_bytes(output->format);
+    }
+    if (is_panorama) {
+        pictures->staged_bytes = lull_align_up(pictures->staged_bytes, LULL_ALIGN);
+        pictures->turned_bytes = lull_align_up(pictures->turned_bytes, LULL_ALIGN);
+        pictures->bordered_bytes = bordered_bytes(filter, frame);
     }
     return true;
+}
+
+static size_t picture_bytes(const lull_pictures *pictures)
+{
+    return pictures->staged_bytes + pictures->turned_bytes + pictures->bordered_bytes;
 }
 
 static bool same_pictures(const lull_pictures *a, const lull_pictures *b)
 {
     return a->orientations == b->orientations && a->staged_bytes == b->staged_bytes &&
-           a->turned_bytes == b->turned_bytes;
+           a->turned_bytes == b->turned_bytes && a->border == b->border &&
+           a->bordered_bytes == b->bordered_bytes;
 }
 
 /* ---- Plan ------------------------------------------------------------------------------------ */
@@ -260,19 +298,19 @@ static bool set_limits(OIDNFilter filter, const lull_model *model, size_t fixed,
 static bool allocate(OIDNFilter filter, size_t plan_bytes, const lull_pictures *pictures,
                      const lull_ladder *ladder, lull_fault *fault)
 {
-    const size_t picture_bytes = pictures->staged_bytes + pictures->turned_bytes;
+    const size_t bytes = picture_bytes(pictures);
 
     lull_filter_free_plan(filter);
     filter->plan_memory = plan_bytes ? lull_os_alloc(plan_bytes) : NULL;
     if (plan_bytes && !filter->plan_memory)
         return lull_fail(fault, OIDN_ERROR_OUT_OF_MEMORY, "out of memory: plan of %llu bytes",
                          (unsigned long long)plan_bytes);
-    if (picture_bytes) {
-        filter->pictures_memory = lull_os_alloc(picture_bytes);
+    if (bytes) {
+        filter->pictures_memory = lull_os_alloc(bytes);
         if (!filter->pictures_memory)
             return lull_fail(fault, OIDN_ERROR_OUT_OF_MEMORY,
-                             "out of memory: output copy of %llu bytes",
-                             (unsigned long long)picture_bytes);
+                             "out of memory: pictures of %llu bytes",
+                             (unsigned long long)bytes);
     }
     if (ladder->rungs) {
         filter->ladder = *ladder;
@@ -382,7 +420,7 @@ static void print_summary(OIDNFilter filter, size_t model_bytes)
 {
     const lull_plan_info plan = filter->plan_info;
     const lull_ladder *ladder = &filter->ladder;
-    const size_t picture_bytes = filter->pictures.staged_bytes + filter->pictures.turned_bytes;
+    const size_t copies = picture_bytes(&filter->pictures);
     lull_model_info model;
     unsigned i;
 
@@ -399,7 +437,8 @@ static void print_summary(OIDNFilter filter, size_t model_bytes)
     if (ladder->rungs)
         printf("  Quality: auto, this network or one of %u smaller ones\n", ladder->rungs - 1);
     printf("  Image  : %ux%u%s\n", filter->frame.width, filter->frame.height,
-           filter->pictures.staged_bytes ? ", in place with a copy"
+           filter->pictures.border         ? ", a panorama, its border included"
+           : filter->pictures.staged_bytes ? ", in place with a copy"
            : filter->frame.in_place      ? ", in place"
                                          : "");
     if (filter->pictures.orientations > 1)
@@ -407,10 +446,10 @@ static void print_summary(OIDNFilter filter, size_t model_bytes)
     printf("  Strips : %u of %u columns, steps of %u rows\n", plan.strips, plan.strip_width,
            plan.row_step);
     printf("  Memory : %llu bytes (weights %llu, plan %llu, copy %llu, sample %llu)\n",
-           (unsigned long long)(model_bytes + filter->plan_bytes + picture_bytes +
+           (unsigned long long)(model_bytes + filter->plan_bytes + copies +
                                 ladder->sample_bytes),
            (unsigned long long)model_bytes, (unsigned long long)filter->plan_bytes,
-           (unsigned long long)picture_bytes, (unsigned long long)ladder->sample_bytes);
+           (unsigned long long)copies, (unsigned long long)ladder->sample_bytes);
     fflush(stdout);
 }
 
@@ -468,8 +507,8 @@ static bool prepare(OIDNFilter filter, bool may_change, bool *busy, lull_fault *
         return false;
     if (!lull_ladder_find(&ladder, filter, &frame, model, fault))
         return false;
-    if (!set_limits(filter, model, model_bytes + pictures.staged_bytes + pictures.turned_bytes,
-                    pictures.orientations, &ladder, &frame, fault))
+    if (!set_limits(filter, model, model_bytes + picture_bytes(&pictures), pictures.orientations,
+                    &ladder, &frame, fault))
         return false;
     model_bytes += ladder.weights_bytes;
     if ((!filter->plan && !filter->engine_plan[0]) || filter->model != model ||

@@ -109,6 +109,7 @@ static void run_filter(const lull_job *job, lull_fault *fault)
     run_state state = {job, filter->device->pool, 0};
     lull_host host = {&state, parallel_for, job->progress ? progress : NULL};
     lull_images images = job->images;
+    const unsigned border = filter->pictures.border;
     OIDNQuality quality = job->quality;
     lull_status status;
 
@@ -121,11 +122,20 @@ static void run_filter(const lull_job *job, lull_fault *fault)
             &images.output, filter->pictures.orientations > 1 ? LULL_F32 : images.output.type,
             &filter->frame, filter->pictures_memory);
     lull_pool_enter(state.pool);
+    if (border)
+        lull_panorama_inputs(&images, &filter->frame, border,
+                             (char *)filter->pictures_memory + filter->pictures.staged_bytes +
+                                 filter->pictures.turned_bytes,
+                             &host);
     images.input_scale = visible_scale(filter, &images, &host);
     status = lull_ensemble_run(filter, &images, &host, &quality, fault);
     lull_pool_leave(state.pool);
-    if (status == LULL_OK && filter->pictures.staged_bytes)
-        copy_stage(&job->images.output, &images.output, filter->frame.width, filter->frame.height);
+    if (status == LULL_OK && filter->pictures.staged_bytes) {
+        const lull_image inside = lull_panorama_inside(&images.output, &filter->frame, border);
+
+        copy_stage(&job->images.output, &inside, filter->frame.width - 2 * border,
+                   filter->frame.height - 2 * border);
+    }
     if (status == LULL_OK)
         lull_atomic_store(&filter->used, (uint32_t)quality);
     if (status == LULL_OK && job->progress)

@@ -304,6 +304,8 @@ typedef struct lull_pictures {
     size_t staged_bytes;   /* for the output, if it overlaps an input other than exactly, or cannot
                             * hold sums of orientations */
     size_t turned_bytes;   /* for the result of all orientations but the first */
+    unsigned border;       /* pixels around a panorama, part of the frame; 0 of other images */
+    size_t bordered_bytes; /* for its inputs with them */
 } lull_pictures;
 
 struct OIDNFilterImpl {
@@ -436,6 +438,16 @@ lull_image lull_tight_image(const lull_image *output, lull_type type, const lull
  * of `images` must be able to hold sums if there are several. *taken: as lull_ladder_run. */
 lull_status lull_ensemble_run(OIDNFilter filter, const lull_images *images, const lull_host *host,
                               OIDNQuality *taken, lull_fault *fault);
+
+/* Bytes of an input of a panorama; frame: with the border. */
+size_t lull_panorama_bytes(size_t pixel_bytes, const lull_frame *frame);
+
+/* Replaces the inputs by copies with a border, in memory of as many bytes one after the other. */
+void lull_panorama_inputs(lull_images *images, const lull_frame *frame, unsigned border,
+                          void *memory, const lull_host *host);
+
+/* Of an image with a border what is inside. */
+lull_image lull_panorama_inside(const lull_image *image, const lull_frame *frame, unsigned border);
 
 /* The frame in orientation `index`, from 0 on. */
 lull_frame lull_frame_turned(const lull_frame *frame, unsigned index);

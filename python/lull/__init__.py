@@ -101,6 +101,7 @@ class Denoiser:
     hdr          the colour is linear and unbounded; else in [0, 1]
     srgb         the colour (not hdr) is sRGB-encoded; else linear
     clean_aux    albedo and normals have no noise
+    panorama     the images are equirectangular panoramas of a whole sphere, whose edges meet
     filter_type  "RT", or "RTLightmap" for light maps (linear, no albedo and normals)
     directional  of RTLightmap: directions in [-1, 1], not radiance
     input_scale  factor on the colour that makes it about 1 where it matters; None: measured
@@ -116,7 +117,8 @@ class Denoiser:
     _device = _filter = _pid = _inside = None  # _inside: thread of a running progress function
 
     def __init__(self, *, quality: str = "high", hdr: bool = False, srgb: bool = False,
-                 clean_aux: bool = False, filter_type: str = "RT", directional: bool = False,
+                 clean_aux: bool = False, panorama: bool = False, filter_type: str = "RT",
+                 directional: bool = False,
                  input_scale: float | None = None,
                  weights: str | os.PathLike | bytes | None = None, threads: int = 0,
                  max_memory_mb: int | None = None, ensemble: int = 1):
@@ -125,8 +127,8 @@ class Denoiser:
         if quality not in QUALITIES and quality not in QUALITIES.values():
             raise ValueError(f"quality: {quality!r} is none of {', '.join(QUALITIES)}")
         self._lightmap = lightmap = filter_type == "RTLightmap"
-        if lightmap and (srgb or clean_aux):
-            raise ValueError("srgb and clean_aux are of filter_type 'RT'")
+        if lightmap and (srgb or clean_aux or panorama):
+            raise ValueError("srgb, clean_aux and panorama are of filter_type 'RT'")
         if directional and not lightmap:
             raise ValueError("directional is of filter_type 'RTLightmap'")
         if hdr and srgb:
@@ -149,7 +151,7 @@ class Denoiser:
         self._filter = lib.oidnNewFilter(self._device, filter_type.encode())
         self._check()
         flags = {"directional": directional} if lightmap else {
-            "hdr": hdr, "srgb": srgb, "cleanAux": clean_aux}
+            "hdr": hdr, "srgb": srgb, "cleanAux": clean_aux, "panorama": panorama}
         for name, value in flags.items():
             lib.oidnSetFilterBool(self._filter, name.encode(), value)
         lib.oidnSetFilterInt(self._filter, b"quality", int(QUALITIES.get(quality, quality)))

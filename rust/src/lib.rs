@@ -106,6 +106,7 @@ impl Denoiser {
             made.check()?;
             let filter = made.filter;
             ffi::set_bool(filter, c!("cleanAux"), options.clean_aux);
+            ffi::set_bool(filter, c!("panorama"), options.panorama);
             ffi::set_int(filter, c!("quality"), options.quality.number());
             ffi::set_int(filter, c!("ensemble"), options.ensemble as c_int);
             if let Some(limit) = options.max_memory_mb {

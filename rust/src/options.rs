@@ -36,6 +36,7 @@ pub struct Options {
     pub(crate) hdr: bool,
     pub(crate) srgb: bool,
     pub(crate) clean_aux: bool,
+    pub(crate) panorama: bool,
     pub(crate) quality: Quality,
     pub(crate) ensemble: u32,
     pub(crate) threads: u32,
@@ -51,6 +52,7 @@ impl Options {
             hdr: false,
             srgb: false,
             clean_aux: false,
+            panorama: false,
             quality: Quality::High,
             ensemble: 1,
             threads: 0,
@@ -78,6 +80,14 @@ impl Options {
     #[must_use]
     pub fn clean_aux(mut self, clean_aux: bool) -> Options {
         self.clean_aux = clean_aux;
+        self
+    }
+
+    /// Whether the images are equirectangular panoramas of a whole sphere, whose edges meet: no seam
+    /// is left there. Default: no.
+    #[must_use]
+    pub fn panorama(mut self, panorama: bool) -> Options {
+        self.panorama = panorama;
         self
     }
 
@@ -161,6 +171,7 @@ impl fmt::Debug for Options {
             .field("hdr", &self.hdr)
             .field("srgb", &self.srgb)
             .field("clean_aux", &self.clean_aux)
+            .field("panorama", &self.panorama)
             .field("quality", &self.quality)
             .field("ensemble", &self.ensemble)
             .field("threads", &self.threads)

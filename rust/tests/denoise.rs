@@ -81,6 +81,7 @@ fn options_reach_the_library() {
         denoise(hdr().quality(Quality::Balanced), &frame),
         denoise(hdr().ensemble(2), &frame),
         denoise(hdr().ensemble(4), &frame),
+        denoise(hdr().panorama(true), &frame),
         denoise(hdr().input_scale(Some(3.0)), &frame),
         high,
     ];

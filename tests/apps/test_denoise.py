@@ -178,6 +178,18 @@ def test_ensembles(denoise, frame, work):
         assert done.code == 1 and number in done.error and "ensemble" in done.error
 
 
+def test_panoramas(denoise, frame, work):
+    """Other bytes than of a plain image, the same in any memory; of no light map."""
+    hashes = set()
+    for options in ("", "--inplace -n 2", "--buffer device"):
+        runs = denoise(*ALL, "--json", "--panorama", *options.split()).json["runs"]
+        hashes |= {r["hash"] for r in runs}
+    assert len(hashes) == 1
+    assert hashes.isdisjoint(r["hash"] for r in denoise(*ALL, "--json").json["runs"])
+    done = denoise("--hdr", "color.pfm", "-f", "RTLightmap", "--panorama")
+    assert done.code == 1 and "--panorama" in done.error
+
+
 @pytest.mark.parametrize("names", ["--alb --nrm", "--albedo --normal"])
 def test_names_of_auxiliary_images(denoise, identity, frame, names):
     alb, nrm = names.split()
@@ -193,7 +205,8 @@ def test_help(denoise, work, arguments, words):
     assert done.code == 1 and words in done.out
     for option in (
         "--hdr --ldr --dir --srgb --alb --nrm --clean_aux --is -o --ref --maxerror -t -q "
-        "-w -n --threads --affinity --maxmem --ensemble --inplace --buffer -v --ld -f -d".split()
+        "-w -n --threads --affinity --maxmem --ensemble --panorama --inplace --buffer -v --ld "
+        "-f -d".split()
     ):
         assert option in done.out, option
 

@@ -33,6 +33,19 @@ def test_ensembles_are_means_of_orientations(lull, frame, clean):
     assert np.array_equal(lull.denoise(**frame, hdr=True, ensemble=2), clean / 2 + other / 2)
 
 
+def test_panoramas_go_on_at_their_edges(lull, frame):
+    border, (height, width) = 64, frame["color"].shape[:2]
+    rows = np.arange(-border, height + border) % (2 * height)
+    columns = np.arange(-border, width + border) % width
+    over = rows >= height  # a pole, to the other side
+    rows = np.where(over, 2 * height - 1 - rows, rows)
+    shifted = (columns[None] + np.where(over, width // 2, 0)[:, None]) % width
+    wider = {name: np.ascontiguousarray(image[rows[:, None], shifted])
+             for name, image in frame.items()}
+    expected = lull.denoise(**wider, hdr=True)[border:-border, border:-border]
+    assert np.array_equal(lull.denoise(**frame, hdr=True, panorama=True), expected)
+
+
 def test_settings_reach_the_library(lull, frame, clean):
     ldr = {**frame, "color": frame["color"].clip(0, 1)}
     results = [clean, lull.denoise(**ldr), lull.denoise(**ldr, srgb=True),
@@ -43,7 +56,8 @@ def test_settings_reach_the_library(lull, frame, clean):
                lull.denoise(frame["color"], filter_type="RTLightmap"),
                lull.denoise(frame["color"], hdr=True, input_scale=9.0),
                lull.denoise(**frame, hdr=True, ensemble=2),
-               lull.denoise(**frame, hdr=True, ensemble=4)]
+               lull.denoise(**frame, hdr=True, ensemble=4),
+               lull.denoise(**frame, hdr=True, panorama=True)]
     hashes = [r.tobytes() for r in results]
     same = hashes.pop(7)
     assert same == hashes[4]  # a light map is denoised as colour alone

@@ -75,6 +75,8 @@ def group_of(root: Path, name: str):
     ([], 2, "either --blend or --seeds"),
     (["--seeds", "1", "--blend", "a.blend"], 2, "either --blend or --seeds"),
     (["--blend", "a.blend", "--still_lifes"], 2, "--still_lifes: with --seeds"),
+    (["--blend", "a.blend", "--panorama"], 2, "--panorama: with --seeds"),
+    (["--seeds", "1", "--still_lifes", "--panorama"], 2, "--panorama: with --seeds and rooms"),
     (["--seeds", "1", "--spp", "4,16", "--ref", "16"], 2, "--ref: targets need more samples"),
     (["--blend", "a.blend", "--ref", "64,256"], 2, "--ref: one count"),
     (["--seeds", "1", "--threads", "-1"], 2, "--threads"),
@@ -201,6 +203,21 @@ def test_adaptive_sampling_is_of_the_noisy_images_alone(tmp_path):
     assert typical[0] > 1.5 * typical[1] > 0  # the mean is of single bright pixels
     again = start(tmp_path / "0.9", *common)
     assert again.returncode == 4 and "noise_threshold = 0.9, not None" in again.stderr
+
+
+@needs_bpy
+def test_panoramas_meet_at_their_edges(tmp_path):
+    done = start(tmp_path, "--seeds", "9", "--panorama", "--size", "64x32", "--spp", "1", "--ref",
+                 "64", "--threads", "2")
+    assert done.returncode == 0, done.stderr
+    image = load(group_of(tmp_path, "c00009").target, FEATURES)
+    a = np.concatenate([np.log1p(np.maximum(image["hdr"], 0)), image["alb"]], -1)
+    apart = [np.abs(a[:, 0] - a[:, k]).mean() for k in (-1, 16, 32, 48)]
+    assert apart[0] < 0.5 * min(apart[1:])
+    poles = [np.abs(np.diff(image["nrm"][y], axis=0)).mean() for y in (0, 31, 16)]
+    assert max(poles[:2]) < poles[2]  # a point each
+    again = start(tmp_path, "--seeds", "9", "--size", "64x32", "--spp", "1", "--ref", "64")
+    assert again.returncode == 4 and "panorama = True, not None" in again.stderr
 
 
 @needs_bpy

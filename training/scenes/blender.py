@@ -207,7 +207,8 @@ def probe(bpy, eye: np.ndarray, dirs: np.ndarray) -> tuple[np.ndarray, np.ndarra
     return dist, ids
 
 
-def place_camera(bpy, view: View) -> None:
+def place_camera(bpy, view: View, is_panorama: bool = False) -> None:
+    """A camera for a view, or one there that sees all around, level (equirectangular)."""
     data = bpy.data.cameras.new("camera")
     made = bpy.data.objects.new("camera", data)
     scene = bpy.context.scene
@@ -219,4 +220,8 @@ def place_camera(bpy, view: View) -> None:
         data.dof.use_dof, data.dof.focus_distance = True, view.focus
         data.dof.aperture_fstop = data.lens / 1000 / (2 * view.aperture)
     look(bpy, made, view.eye, view.target, (view.roll, 0.0, 1.0))
+    if is_panorama:
+        data.type, made.rotation_euler[0], made.rotation_euler[1] = "PANO", np.pi / 2, 0.0
+        place = data if hasattr(data, "panorama_type") else data.cycles  # before Blender 5
+        place.panorama_type = "EQUIRECTANGULAR"
     scene.camera = made

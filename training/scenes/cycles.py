@@ -44,6 +44,8 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--assets", metavar="DIR", help="with --seeds: furniture libraries (.sh3f)")
     p.add_argument("--still_lifes", action="store_true", help="with --seeds: objects in the place "
                    "of rooms, with fog, hair, glass, mirrors, motion and what else rooms lack")
+    p.add_argument("--panorama", action="store_true", help="with --seeds, of rooms: all around "
+                   "the camera, equirectangular; a size twice as wide as high shows it undistorted")
     p.add_argument("--size", help="pixels: 256 or 320x208 (width x height; default: the size of "
                    "FILE, or 256)")
     p.add_argument("--spp", default="1,4,16", help="sample counts of the noisy images")
@@ -147,7 +149,7 @@ def build(bpy, seed: int, attempt: int, stock, size: tuple[int, int],
     blender.furnish(bpy, streams[1], stage, stock.pictures, 512 if max(size) > 160 else 256)
     view = views.choose(streams[2], stage, name,
                         lambda eye, dirs: blender.probe(bpy, eye, dirs))
-    blender.place_camera(bpy, view)
+    blender.place_camera(bpy, view, args.panorama)
     bpy.context.scene.cycles.max_bounces = int(streams[2].integers(4, 12))
     return name
 
@@ -185,6 +187,7 @@ def procedural(bpy, args: argparse.Namespace, counts: list[int], targets: list[i
     seeds = options.shard(options.seed_list(args.seeds), args.shard)
     kept = {k: getattr(args, k) for k in ("size", "spp", "pick", "ref", "noise_threshold")}
     kept["assets"] = bool(args.assets)
+    kept["panorama"] = args.panorama or None  # as where it was no option yet
     letter = "o" if args.still_lifes else "c"
     todo = options.unfinished(args.out, seeds, letter, "scenes to render", kept)
     stock = library(bpy, args.assets)
@@ -248,6 +251,8 @@ def run(args: argparse.Namespace) -> None:
     size = options.size_pair(args.size) if args.size else None
     if bool(args.blend) == bool(args.seeds):
         raise ToolError("either --blend or --seeds is wanted", USAGE)
+    if args.panorama and (args.blend or args.still_lifes):
+        raise ToolError("--panorama: with --seeds and rooms only", USAGE)
     if args.still_lifes and args.blend:
         raise ToolError("--still_lifes: with --seeds only", USAGE)
     if counts[-1] >= targets[0]:

@@ -1,0 +1,311 @@
+/* Panoramas: results as if the frame continued at its edges as the sphere does. Open Image Denoise
+ * has no such parameter, so all of this is skipped there. */
+#include "api.h"
+
+#define OURS()                                                                                     \
+    do {                                                                                           \
+        OURS_ALONE("has no panoramas");                                                            \
+        WANTS_BUILTIN();                                                                           \
+    } while (0)
+
+/* The border is larger than the frame is high, so that it reaches beyond both poles and back. */
+enum { W = 61, H = 37, VALUES = 3 * W * H, BORDER = 64, OUTER_W = W + 2 * BORDER,
+       OUTER_H = H + 2 * BORDER, OUTER_VALUES = 3 * OUTER_W * OUTER_H };
+
+static float inputs[3][VALUES], result[VALUES], expected[VALUES];
+
+/* ---- By hand --------------------------------------------------------------------------------- */
+
+static void fill_inputs(unsigned seed)
+{
+    size_t i;
+
+    for (i = 0; i < VALUES; i++) {
+        inputs[0][i] = noise(&seed) * (0.2f + 0.7f * (float)(i / 3 % W) / W);
+        inputs[1][i] = i / 3 / W < H / 3 ? 0.25f : 0.75f;
+        inputs[2][i] = 2 * noise(&seed) - 1;
+    }
+}
+
+/* Index of the pixel seen at (x, y), which may lie outside: around the sphere, and over a pole on
+ * the other side of it, where rows are met in reverse, up to the other pole. */
+static size_t seen_at(int x, int y)
+{
+    int row = (y + 8 * H) % (2 * H);
+
+    if (row >= H) {
+        row = 2 * H - 1 - row;
+        x += W / 2;
+    }
+    return (size_t)(row * W + (x + 8 * W) % W);
+}
+
+/* What a plain filter makes of a picture with a border, without it, to `expected`. */
+static void make_expected(OIDNDevice device, const char *flags, int ensemble)
+{
+    static float outer[3][OUTER_VALUES], output[OUTER_VALUES];
+    OIDNFilter filter;
+    int i, x, y;
+
+    for (i = 0; i < 3; i++)
+        for (y = 0; y < OUTER_H; y++)
+            for (x = 0; x < OUTER_W; x++)
+                memcpy(outer[i] + 3 * (y * OUTER_W + x),
+                       inputs[i] + 3 * seen_at(x - BORDER, y - BORDER), 3 * sizeof(float));
+    filter = new_flagged(device, flags, (float *[]){outer[0], outer[1], outer[2]}, output, OUTER_W,
+                         OUTER_H);
+    oidnSetFilterInt(filter, "ensemble", ensemble);
+    oidnCommitFilter(filter);
+    oidnExecuteFilter(filter);
+    ERROR(device, NONE);
+    for (y = 0; y < H; y++)
+        memcpy(expected + 3 * W * y, output + 3 * ((y + BORDER) * OUTER_W + BORDER),
+               3 * W * sizeof(float));
+    oidnReleaseFilter(filter);
+}
+
+static OIDNFilter new_panorama(OIDNDevice device, const char *flags, float *output)
+{
+    OIDNFilter filter = new_flagged(device, flags, (float *[]){inputs[0], inputs[1], inputs[2]},
+                                    output, W, H);
+
+    oidnSetFilterBool(filter, "panorama", true);
+    return filter;
+}
+
+static void run(OIDNDevice device, OIDNFilter filter)
+{
+    oidnCommitFilter(filter);
+    oidnExecuteFilter(filter);
+    ERROR(device, NONE);
+}
+
+/* ---- Results --------------------------------------------------------------------------------- */
+
+static void is_what_lies_inside_a_border(void)
+{
+    static const char *const kinds[] = {"h", "", "s", "ha", "han", "an"};
+    OIDNDevice device;
+    size_t i;
+    int n;
+
+    OURS();
+    device = new_device();
+    fill_inputs(1);
+    for (i = 0; i < COUNT(kinds); i++)
+        for (n = 1; n <= 4; n *= 2) {
+            OIDNFilter filter = new_panorama(device, kinds[i], result);
+
+            make_expected(device, kinds[i], n);
+            memset(result, 0x5a, sizeof result);
+            oidnSetFilterInt(filter, "ensemble", n);
+            run(device, filter);
+            if (!CHECK(memcmp(result, expected, sizeof result) == 0))
+                printf("  %s, %d\n", kinds[i], n);
+            oidnReleaseFilter(filter);
+        }
+    oidnReleaseDevice(device);
+}
+
+/* Means of the pixels next to the cut, of a panorama that is dark on one side of it and bright on
+ * the other: what a filter that sees both makes of them is no step but the noise's. */
+static void has_no_seam(void)
+{
+    double step[2] = {0, 0};
+    OIDNDevice device;
+    unsigned seed = 3;
+    int k, y;
+    size_t i;
+
+    OURS();
+    device = new_device();
+    for (i = 0; i < VALUES; i++)
+        inputs[0][i] = noise(&seed) < 0.1f ? 5 : 0;
+    for (k = 0; k < 2; k++) {
+        OIDNFilter filter = new_panorama(device, "h", result);
+
+        oidnSetFilterBool(filter, "panorama", k != 0);
+        CHECK_EQ(oidnGetFilterBool(filter, "panorama"), k != 0);
+        run(device, filter);
+        for (y = 0; y < H; y++)
+            step[k] += fabs((double)result[3 * W * y] - (double)result[3 * (W * y + W - 1)]);
+        oidnReleaseFilter(filter);
+    }
+    CHECK(step[1] < 0.5 * step[0]);
+    oidnReleaseDevice(device);
+}
+
+static void one_filter_may_change(void)
+{
+    static float plain[VALUES];
+    OIDNDevice device;
+    OIDNFilter filter;
+    int i;
+
+    OURS();
+    device = new_device();
+    fill_inputs(2);
+    filter = new_panorama(device, "han", plain);
+    oidnSetFilterBool(filter, "panorama", false);
+    run(device, filter);
+    oidnSetSharedFilterImage(filter, "output", result, F3, W, H, 0, 0, 0);
+    for (i = 0; i < 4; i++) {
+        fill_inputs(2);
+        make_expected(device, "han", 1);
+        oidnSetFilterBool(filter, "panorama", i & 1);
+        run(device, filter);
+        CHECK(memcmp(result, i & 1 ? expected : plain, sizeof result) == 0);
+        oidnExecuteFilter(filter); /* and again */
+        CHECK(memcmp(result, i & 1 ? expected : plain, sizeof result) == 0);
+    }
+    CHECK(memcmp(expected, plain, sizeof plain) != 0);
+    oidnReleaseFilter(filter);
+    oidnReleaseDevice(device);
+}
+
+/* ---- Images ---------------------------------------------------------------------------------- */
+
+static void images_may_have_strides_and_halves(void)
+{
+    enum { STEP = 7, ROW = STEP * W + 5, ALL = ROW * H };
+    static float block[ALL], output[ALL];
+    static uint16_t half[VALUES];
+    OIDNDevice device;
+    OIDNFilter filter;
+    size_t i;
+
+    OURS();
+    device = new_device();
+    fill_inputs(5);
+    for (i = 0; i < VALUES; i++) { /* halves that are no less than floats: 1 to 2 */
+        half[i] = (uint16_t)(0x3c00 + (uint16_t)(1023 * inputs[1][i] * noise(&(unsigned){i})));
+        inputs[1][i] = 1 + (float)(half[i] - 0x3c00) / 1024;
+    }
+    make_expected(device, "ha", 1);
+    for (i = 0; i < ALL; i++)
+        block[i] = output[i] = (float)i;
+    for (i = 0; i < W * H; i++)
+        memcpy(block + i / W * ROW + i % W * STEP, inputs[0] + 3 * i, 3 * sizeof *block);
+    filter = new_panorama(device, "ha", result);
+    oidnSetSharedFilterImage(filter, "color", block, F3, W, H, 0, STEP * sizeof(float),
+                             ROW * sizeof(float));
+    oidnSetSharedFilterImage(filter, "albedo", half, H3, W, H, 0, 0, 0);
+    oidnSetSharedFilterImage(filter, "output", output, F3, W, H, 2 * sizeof(float),
+                             STEP * sizeof(float), ROW * sizeof(float));
+    run(device, filter);
+    for (i = 0; i < ALL; i++) {
+        const size_t x = i % ROW / STEP, value = i % ROW % STEP;
+
+        if (x < W && value >= 2 && value < 5)
+            CHECK(output[i] == expected[3 * (i / ROW * W + x) + value - 2]);
+        else
+            CHECK(output[i] == (float)i);
+    }
+    oidnReleaseFilter(filter);
+    oidnReleaseDevice(device);
+}
+
+/* In the place of an input, and a pixel behind it. */
+static void output_may_overlap_inputs(void)
+{
+    static float block[VALUES + 3];
+    OIDNDevice device;
+    size_t shift;
+
+    OURS();
+    device = new_device();
+    fill_inputs(6);
+    make_expected(device, "h", 1);
+    for (shift = 0; shift <= 3; shift += 3) {
+        OIDNFilter filter = new_panorama(device, "h", block + shift);
+
+        oidnSetSharedFilterImage(filter, "color", block, F3, W, H, 0, 0, 0);
+        memcpy(block, inputs[0], sizeof inputs[0]);
+        run(device, filter);
+        CHECK(memcmp(block + shift, expected, sizeof expected) == 0);
+        oidnReleaseFilter(filter);
+    }
+    oidnReleaseDevice(device);
+}
+
+static void frames_may_be_thin_or_empty(void)
+{
+    static const size_t sizes[][2] = {{1, 1}, {W, 1}, {1, H}, {17, 2}, {0, 0}, {0, 5}};
+    OIDNDevice device;
+    size_t i;
+
+    OURS();
+    device = new_device();
+    for (i = 0; i < VALUES; i++)
+        inputs[0][i] = 0.25f;
+    for (i = 0; i < COUNT(sizes); i++) {
+        OIDNFilter filter = new_panorama(device, "h", result);
+        const size_t width = sizes[i][0], height = sizes[i][1];
+        size_t k;
+
+        oidnSetSharedFilterImage(filter, "color", inputs[0], F3, width, height, 0, 0, 0);
+        oidnSetSharedFilterImage(filter, "output", result, F3, width, height, 0, 0, 0);
+        memset(result, 0, sizeof result);
+        run(device, filter);
+        for (k = 0; k < 3 * width * height; k++)
+            CHECK(fabsf(result[k] - 0.25f) < 1e-6f);
+        oidnReleaseFilter(filter);
+    }
+    oidnReleaseDevice(device);
+}
+
+/* ---- With other parameters ------------------------------------------------------------------- */
+
+static void memory_is_limited(void)
+{
+    OIDNDevice device;
+    OIDNFilter filter;
+    int least;
+
+    OURS();
+    device = new_device();
+    fill_inputs(7);
+    make_expected(device, "han", 1);
+    filter = new_panorama(device, "han", result);
+    least = least_megabytes(device, filter);
+    oidnSetFilterInt(filter, "maxMemoryMB", least - 1);
+    oidnCommitFilter(filter);
+    ERROR(device, MEMORY);
+    oidnSetFilterInt(filter, "maxMemoryMB", least);
+    run(device, filter);
+    CHECK(memcmp(result, expected, sizeof result) == 0);
+    memset(result, 0, sizeof result);
+    oidnSetFilterInt(filter, "maxMemoryMB", 0);
+    run(device, filter);
+    CHECK(memcmp(result, expected, sizeof result) == 0);
+    oidnReleaseFilter(filter);
+    oidnReleaseDevice(device);
+}
+
+static void light_maps_have_none(void)
+{
+    OIDNDevice device;
+    OIDNFilter filter;
+
+    OURS();
+    device = new_device();
+    filter = new_flagged(device, "L", (float *[]){inputs[0], NULL, NULL}, result, W, H);
+    oidnSetFilterBool(filter, "panorama", true);
+    CHECK(!oidnGetFilterBool(filter, "panorama"));
+    oidnReleaseFilter(filter);
+    oidnReleaseDevice(device);
+}
+
+int main(int argc, char **argv)
+{
+    CHECK_MAIN(argc, argv);
+    RUN(is_what_lies_inside_a_border);
+    RUN(has_no_seam);
+    RUN(one_filter_may_change);
+    RUN(images_may_have_strides_and_halves);
+    RUN(output_may_overlap_inputs);
+    RUN(frames_may_be_thin_or_empty);
+    RUN(memory_is_limited);
+    RUN(light_maps_have_none);
+    return check_report();
+}
