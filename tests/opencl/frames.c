@@ -333,7 +333,7 @@ static void smaller_tiles_fit(void)
     free_images(images);
 }
 
-/* The mean of several orientations, whole and in tiles; of a filter that had one before. */
+/* The mean of several orientations, whole and in tiles, and of a panorama. */
 static void ensembles(void)
 {
     float *images[3];
@@ -342,9 +342,9 @@ static void ensembles(void)
     NEED_OPENCL();
     f = frame_of((const size_t[]){131, 77}, images);
     for (f.ensemble = 1; f.ensemble <= 4; f.ensemble *= 2) {
-        f.features = 7;
+        f.features = 7, f.more = NULL;
         CHECK(same(&f, images));
-        f.features = 1;
+        f.features = 1, f.more = "panorama";
         CHECK(same(&f, images));
     }
     free_images(images);
