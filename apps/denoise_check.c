@@ -1,5 +1,6 @@
 /* --check and --repair: what is wrong with a frame's inputs, told, and mended where it can be. */
 #include <math.h>
+#include <string.h>
 
 #include "denoise.h"
 #include "doctor.h"
@@ -49,6 +50,9 @@ void denoise_check(denoise_inputs *inputs, int *is_hdr, int *is_srgb, const deno
     doctor_examine(&found, images[IMAGE_COLOR].pixels ? &images[IMAGE_COLOR] : NULL, content,
                    images[IMAGE_ALBEDO].pixels ? &images[IMAGE_ALBEDO] : NULL,
                    images[IMAGE_NORMAL].pixels ? &images[IMAGE_NORMAL] : NULL);
+    if (!s->is_panorama && !strcmp(s->filter, "RT"))
+        doctor_examine_edges(&found,
+                             &images[images[IMAGE_ALBEDO].pixels ? IMAGE_ALBEDO : inputs->main]);
     report_line("Checking input\n");
     if (!found.count)
         report_line("  nothing found\n");

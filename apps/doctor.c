@@ -13,6 +13,7 @@ const char *doctor_kind_name(finding_kind kind)
     static const char *const names[FINDING_KINDS] = {
         "non-finite",   "negative",   "normals-encoded", "normals-length", "albedo-above-one",
         "albedo-black", "ldr-as-hdr", "hdr-as-ldr",      "correlated",     "shifted",
+        "panorama",
     };
     return names[kind];
 }
@@ -233,4 +234,55 @@ void doctor_examine(findings *out, const image *color, doctor_content content, c
         examine_range(out, color, content);
         examine_noise(out, color, albedo, normal);
     }
+}
+
+/* ---- Panoramas ------------------------------------------------------------------------------- */
+
+enum { STRIPS = 64, ROWS = STRIPS / 2 }; /* blocks across a picture, and down */
+
+/* Sum of the values of a block that are light. */
+static double block_sum(const image *img, size_t x, size_t y)
+{
+    size_t size = img->width / STRIPS, n = size * img->channels;
+    double sum = 0;
+    for (size_t row = y * size; row < (y + 1) * size; row++)
+        for (size_t i = 0; i < n; i++) {
+            float v = image_get(img, row * img->width * img->channels + x * n + i);
+            sum += v > 0 && isfinite(v) ? (double)v : 0;
+        }
+    return sum;
+}
+
+/* How far two columns of blocks are apart in brightness. */
+static double distance(float light[ROWS][STRIPS], size_t a, size_t b)
+{
+    double sum = 0;
+    for (size_t y = 0; y < ROWS; y++)
+        sum += fabs((double)light[y][a] - (double)light[y][b]);
+    return sum;
+}
+
+/* The limits were set on 18 panoramas of 1 to 16 samples, of which 15 are found, and on 410 renders
+ * of other kinds, cut to their shape, of which 4 are. */
+void doctor_examine_edges(findings *out, const image *img)
+{
+    float light[ROWS][STRIPS];
+    double meet, near = 0, far = INFINITY, mean = 0;
+    if (img->width != 2 * img->height || img->width < STRIPS)
+        return;
+    for (size_t i = 0; i < ROWS * STRIPS; i++) {
+        light[i / STRIPS][i % STRIPS] = (float)block_sum(img, i % STRIPS, i / STRIPS);
+        mean += (double)light[i / STRIPS][i % STRIPS] / (ROWS * STRIPS);
+    }
+    for (size_t i = 0; i < ROWS * STRIPS && mean > 0; i++)
+        light[i / STRIPS][i % STRIPS] = logf(0.05f + light[i / STRIPS][i % STRIPS] / (float)mean);
+    meet = distance(light, 0, STRIPS - 1);
+    for (size_t x = 0; x < STRIPS; x += STRIPS / 4) {
+        near += distance(light, x, x + 1) / 4;
+        far = x ? fmin(far, distance(light, 0, x)) : far;
+    }
+    if (meet < 1.2 * near && meet < 0.4 * far)
+        add(out, FINDING_PANORAMA, IMAGE_COLOR,
+            "it looks like a panorama of a whole sphere, whose edges meet: --panorama leaves no "
+            "seam there");
 }

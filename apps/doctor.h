@@ -16,6 +16,7 @@ typedef enum finding_kind {
     FINDING_CORRELATED, /* neighbouring pixels share noise: a splatting filter, or already filtered
                          */
     FINDING_SHIFTED,    /* albedo or normals are displaced or mirrored against the colour */
+    FINDING_PANORAMA,   /* left and right edge meet, in a picture twice as wide as high */
     FINDING_KINDS
 } finding_kind;
 
@@ -43,6 +44,10 @@ typedef enum doctor_content {
 /* Examines images of one size. Those that are absent are NULL. */
 void doctor_examine(findings *out, const image *color, doctor_content content, const image *albedo,
                     const image *normal);
+
+/* Whether an image, the albedo if there is one, looks like a panorama of a whole sphere; adds to
+ * what was found. */
+void doctor_examine_edges(findings *out, const image *img);
 
 /* Short name of a kind for programs: "normals-encoded", ... */
 const char *doctor_kind_name(finding_kind kind);

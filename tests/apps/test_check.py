@@ -174,3 +174,16 @@ def test_tiny_images(check):
     for size in (1, 2, 31, 33):
         image = t.noise(size, size)
         assert ("color", "shifted") not in check({"hdr": image, "alb": image, "nrm": image})
+
+
+def test_panorama(check, work):
+    """What goes around, and is seen so; not what is cut elsewhere, nor one that is known."""
+    across, down = np.meshgrid(np.arange(256) * np.pi / 128, np.arange(128) / 128)
+    light = 1.2 + np.sin(across + 1) * np.cos(2 * across) + down
+    color = (light[..., None] * (0.5 + t.noise(128, 256))).astype(np.float32)
+    found = check({"hdr": color})
+    assert list(found) == [("color", "panorama")] and "--panorama" in found["color", "panorama"]
+    assert check({"hdr": color}, "--panorama") == {}
+    assert check({"hdr": color, "alb": np.full_like(color, 0.5)}) == {}  # tells nothing
+    wide = np.repeat(color, 2, 1)[:, :256]
+    assert check({"hdr": wide}) == check({"hdr": color[:, :-2]}) == {}
