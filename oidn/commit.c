@@ -161,6 +161,11 @@ static bool find_pictures(lull_pictures *pictures, OIDNFilter filter, lull_frame
     pictures->orientations = (unsigned)n;
     frame->in_place = find_overlap(filter, frame, &staged);
     if (is_panorama) {
+        if (lull_max_u(frame->width, frame->height) > LULL_MAX_SIZE - 2 * PANORAMA_BORDER)
+            return lull_fail(fault, OIDN_ERROR_INVALID_ARGUMENT,
+                             "a panorama of %ux%u pixels; at most %u are supported, and as many "
+                             "down",
+                             frame->width, frame->height, LULL_MAX_SIZE - 2 * PANORAMA_BORDER);
         pictures->border = PANORAMA_BORDER;
         frame->width += 2 * PANORAMA_BORDER;
         frame->height += 2 * PANORAMA_BORDER;

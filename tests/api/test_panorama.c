@@ -282,6 +282,29 @@ static void memory_is_limited(void)
     oidnReleaseDevice(device);
 }
 
+static void has_room_for_a_border(void)
+{
+    enum { WIDEST = 65536 - 2 * BORDER };
+    static float wide[3 * (WIDEST + 1)];
+    OIDNDevice device;
+    size_t more;
+
+    OURS();
+    device = new_device();
+    for (more = 0; more < 2; more++) {
+        OIDNFilter filter = new_panorama(device, "", result);
+        const char *text = NULL;
+
+        oidnSetSharedFilterImage(filter, "color", wide, F3, WIDEST + more, 1, 0, 0, 0);
+        oidnSetSharedFilterImage(filter, "output", wide, F3, WIDEST + more, 1, 0, 0, 0);
+        oidnCommitFilter(filter);
+        CHECK_EQ(oidnGetDeviceError(device, &text), more ? ARGUMENT : NONE);
+        CHECK(!more || strstr(text, "a panorama of 65409x1 pixels"));
+        oidnReleaseFilter(filter);
+    }
+    oidnReleaseDevice(device);
+}
+
 static void light_maps_have_none(void)
 {
     OIDNDevice device;
@@ -306,6 +329,7 @@ int main(int argc, char **argv)
     RUN(output_may_overlap_inputs);
     RUN(frames_may_be_thin_or_empty);
     RUN(memory_is_limited);
+    RUN(has_room_for_a_border);
     RUN(light_maps_have_none);
     return check_report();
 }
