@@ -36,6 +36,16 @@ def test_constant_images_come_back(clean_up, quality, value):
         np.testing.assert_allclose(clean_up(images, quality), color, rtol=1e-5)
 
 
+@pytest.mark.parametrize("quality", QUALITIES)
+@pytest.mark.parametrize("left_out", [(), ("normal",), ("albedo",), ("albedo", "normal")])
+def test_grey_stays_grey(clean_up, quality, left_out):
+    """To the bit, whatever the normals: all channels have the same weights."""
+    images = inputs(scene(), *left_out)
+    images |= {k: images[k][..., :1].repeat(3, -1) for k in ("color", "albedo") if k in images}
+    result = clean_up(images, quality)
+    assert np.all(result == result[..., :1]) and result.std() > 0.01
+
+
 def test_black_stays_black(clean_up):
     frame = inputs(scene())
     frame["color"] = np.zeros_like(frame["color"])
