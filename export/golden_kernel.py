@@ -71,6 +71,7 @@ def pictures(seed: int) -> dict[str, np.ndarray]:
     color[30, 40] = 1e7
     albedo = rng.random((HEIGHT, WIDTH, 3), np.float32) * np.float32(1.1)
     albedo[24:31, 15:28] = albedo[31:35, 15:] = 0.3, 0.5, 0.4  # and here it has no grain
+    albedo[20:27] = 0.3, 0.5, 0.4  # all across: some of the input with clean features, too
     albedo[:5, 40:43], albedo[7, 3:5], albedo[8, 3:7, 1:] = 0, (-1, np.nan, 1e-39), 0
     albedo[10:16, 33:] = color[10:16, 32:] = 0  # nothing is here, but for one lamp
     color[2:4, 40:43], color[12, 37], color[14, 41] = (0, -1, 1e-39), 0.5, np.nan

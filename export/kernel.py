@@ -250,10 +250,11 @@ def padded(codes: np.ndarray) -> np.ndarray:
 def apply_filter(heads: list[np.ndarray], radiance: np.ndarray, albedo: np.ndarray | None,
                  normal: np.ndarray | None = None, guide: np.ndarray | None = None,
                  bilateral: int = 0, clipped: bool = False,
-                 raggedness: float = 0.0, calm: float = 0.0) -> np.ndarray:
+                 raggedness: float = 0.0, calm: float = 0.0,
+                 is_clean: bool = False) -> np.ndarray:
     """Filtered radiance [H,W,3]. heads: codes by level, of the padded size; bilateral: a value of
     BILATERAL or 0; guide: of guide_of, if it is not 0; clipped: the radiance was, so that it lacks
-    light itself; raggedness: of export.edges; calm: of export.smooth.mixed."""
+    light itself; raggedness: of export.edges; calm, is_clean: of export.smooth.mixed."""
     table = weight_table()
     smooth = np.ones_like(radiance)
     if albedo is not None:
@@ -284,7 +285,7 @@ def apply_filter(heads: list[np.ndarray], radiance: np.ndarray, albedo: np.ndarr
             out = corrected(out, smooth, noise, radiance)
         result = averaged(np.fmax(out * smooth, F(0)), F(raggedness))
         result = pixels.sanitize(result, 1.0, 0.0, pixels.MAX)
-        return mixed(result, noise, radiance, albedo is None and normal is None, F(calm))
+        return mixed(result, noise, radiance, albedo is None and normal is None, F(calm), is_clean)
     return out * smooth
 
 
@@ -325,7 +326,7 @@ def run_frame(model: IntTrunk, frame: pixels.Frame, channels: int = 3) -> np.nda
         codes = encode(r, aux["albedo"], aux["normal"], not rule.is_hdr)
     maps = model.maps(padded(codes))
     v = apply_filter([maps[n] for n in model.net.heads], r, aux["albedo"], aux["normal"], guide,
-                     model.bilateral, not rule.is_hdr, raggedness, calm)
+                     model.bilateral, not rule.is_hdr, raggedness, calm, frame.clean_aux)
     v = pixels.sanitize(v, 1.0, 0.0, pixels.MAX)
     v = pixels.srgb_forward(v) if frame.content == "srgb" and not rule.is_signed else v
     return frame.stored(v, channels)

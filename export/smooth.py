@@ -29,6 +29,7 @@ LEAST_NOISE = F(2)               # above it the share of the input is less by th
 SHARE_PER_CODE, SHARE_PER_CODE_ALONE = F(0.125), F(0.0625)  # without features by that
 SPARK_CODES = F(64), F(0.015625) # of the pixel: from where on the share is less, by which slope
 MOST_SHARE = F(0.5)              # of the input
+MOST_SHARE_CLEAN = F(0.25)       # where features without noise have shown most of the texture
 CALM = F(0.14), F(12.5)          # calm shares, likewise: noise codes count less, by at most ...
 LESS_OF_CODES = F(0.75)
 CALM_ALONE = F(0.17), F(12.5)    # and without features, where more of the input stays, too, by ...
@@ -189,14 +190,15 @@ def _around(runs: np.ndarray, beside: int) -> np.ndarray:
 
 
 def mixed(result: np.ndarray, noise: np.ndarray, radiance: np.ndarray,
-          is_alone: bool, calm: np.float32) -> np.ndarray:
+          is_alone: bool, calm: np.float32, is_clean: bool = False) -> np.ndarray:
     """The exposed result [H,W,3] with some of the radiance where noise is little; noise and
     radiance as of corrected, is_alone: without features, calm: of export.calm.calm_share, or below
-    0 for none of it."""
+    0 for none of it, is_clean: the features have no noise."""
     if calm < 0:
         return result
     calm = ramp(calm, *CALM_ALONE if is_alone else CALM)
-    most = MOST_SHARE + MORE_SHARE * calm if is_alone else MOST_SHARE
+    most = (MOST_SHARE + MORE_SHARE * calm if is_alone
+            else MOST_SHARE_CLEAN if is_clean else MOST_SHARE)
     per_code = SHARE_PER_CODE_ALONE if is_alone else SHARE_PER_CODE
     code = noise[..., 0].astype(F)
     runs = _runs(code)

@@ -6,7 +6,7 @@ enum { SUMMED = LULL_MIXED / LULL_RUN + 2 + 2 * LULL_RUNS_BESIDE };
 
 static lull_mixing mixing_of(const lull_plan *plan)
 {
-    return lull_mixing_of(plan->calm, lull_exec_has_features(plan));
+    return lull_mixing_of(plan->calm, lull_exec_has_features(plan), plan->frame.clean_aux);
 }
 
 /* The run before whose middle, or after it (next), a pixel is; the nearest at the edges. */

@@ -406,6 +406,7 @@ LULL_INLINE float lull_cell_gain(const float *near, const float *far)
  * cannot be seen, and so no more than half of either stays. By how much noise codes above
  * LULL_LEAST_NOISE lessen it, and alone, without features, which tell noise from texture. */
 #define LULL_MOST_SHARE 0.5f
+#define LULL_MOST_SHARE_CLEAN 0.25f /* features without noise have shown most of the texture */
 #define LULL_LEAST_NOISE 2.0f
 #define LULL_SHARE_PER_CODE 0.125f
 #define LULL_SHARE_PER_CODE_ALONE 0.0625f
@@ -425,14 +426,14 @@ LULL_INLINE float lull_ramp(float v, float begin, float slope)
     return part < 1.0f ? part : 1.0f;
 }
 
-/* calm: of lull_images, below 0 for none of the input. */
-LULL_INLINE lull_mixing lull_mixing_of(float calm, int has_features)
+/* calm: of lull_images, below 0 for none of the input; are_clean: its features, if it has any. */
+LULL_INLINE lull_mixing lull_mixing_of(float calm, int has_features, int are_clean)
 {
     lull_mixing mixing;
     mixing.calm = lull_ramp(calm, has_features ? 0.14f : 0.17f, 12.5f);
     mixing.codes = 1.0f - 0.75f * mixing.calm;
     mixing.per_code = has_features ? LULL_SHARE_PER_CODE : LULL_SHARE_PER_CODE_ALONE;
-    mixing.most = LULL_MOST_SHARE;
+    mixing.most = has_features && are_clean ? LULL_MOST_SHARE_CLEAN : LULL_MOST_SHARE;
     if (!has_features)
         mixing.most += 0.2f * mixing.calm;
     if (calm < 0.0f)

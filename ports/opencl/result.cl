@@ -213,7 +213,8 @@ KERNEL_OF_PIXELS correct(__global uchar *memory, __global const uchar *model, lu
 KERNEL_OF_PIXELS shares(__global uchar *memory, __global const uchar *model, lull_cl_filter a)
 {
     int run = get_global_id(0), y = get_global_id(1);
-    lull_mixing mixing = lull_mixing_of(a.calm, a.flags & LULL_CL_FEATURES);
+    lull_mixing mixing =
+        lull_mixing_of(a.calm, a.flags & LULL_CL_FEATURES, a.flags & LULL_CL_CLEAN);
     uint pixels = 0, codes = 0;
     if (run * (int)LULL_RUN >= a.inside_width || y >= a.inside_height)
         return;
@@ -286,7 +287,8 @@ KERNEL_OF_PIXELS modulate(__global uchar *memory, __global const uchar *model, l
         v[c] = lull_sane(v[c], 1.0f, 0.0f, LULL_LARGEST);
     if (a.flags & LULL_CL_NOISE) {
         float between = between_runs(memory, a.source[2], a.inside_width, x, y), r[3];
-        lull_mixing mixing = lull_mixing_of(a.calm, a.flags & LULL_CL_FEATURES);
+        lull_mixing mixing =
+            lull_mixing_of(a.calm, a.flags & LULL_CL_FEATURES, a.flags & LULL_CL_CLEAN);
         float share;
         get_radiance(r, memory, a.source[3], x, y);
         share = lull_pixel_share(between, *bytes_at(memory, a.source[4], x, y), v, r, &mixing);

@@ -286,6 +286,9 @@ def test_share_of_the_input_falls_with_the_noise(is_alone, calm, code, share):
     codes[:, ::5] += np.uint8(np.rint(5 * (code - int(code))))
     got = last.mixed(out, codes, np.full_like(out, 1e-3), is_alone, np.float32(calm))
     np.testing.assert_allclose(got[:, 80:120].mean(), share * 1e-3, atol=2e-5)
+    got = last.mixed(out, codes, np.full_like(out, 1e-3), is_alone, np.float32(calm), True)
+    clean = share if is_alone else min(share, 0.25)
+    np.testing.assert_allclose(got[:, 80:120].mean(), clean * 1e-3, atol=2e-5)
 
 
 def test_runs_without_noise_do_not_hide_that_of_others():
