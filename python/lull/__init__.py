@@ -118,8 +118,7 @@ class Denoiser:
 
     def __init__(self, *, quality: str = "high", hdr: bool = False, srgb: bool = False,
                  clean_aux: bool = False, panorama: bool = False, filter_type: str = "RT",
-                 directional: bool = False,
-                 input_scale: float | None = None,
+                 directional: bool = False, input_scale: float | None = None,
                  weights: str | os.PathLike | bytes | None = None, threads: int = 0,
                  max_memory_mb: int | None = None, ensemble: int = 1):
         if filter_type not in ("RT", "RTLightmap"):

@@ -171,6 +171,69 @@ static inline float noise(unsigned *state)
     return (float)(*state >> 8) / 16777216.0f;
 }
 
+/* Noisy colour, brighter to the right, an albedo of two parts, and normals of noise. */
+static inline void fill_frame(float *color, float *albedo, float *normal, size_t width,
+                              size_t height, unsigned seed)
+{
+    size_t i;
+
+    for (i = 0; i < 3 * width * height; i++) {
+        color[i] = noise(&seed) * (0.2f + 0.7f * (float)(i / 3 % width) / (float)width);
+        albedo[i] = i / 3 / width < height / 3 ? 0.25f : 0.75f;
+        normal[i] = 2 * noise(&seed) - 1;
+    }
+}
+
+/* Commits a filter and executes it. */
+static inline void run_filter(OIDNDevice device, OIDNFilter filter)
+{
+    oidnCommitFilter(filter);
+    oidnExecuteFilter(filter);
+    ERROR(device, NONE);
+}
+
+/* Frames of few pixels or none, all alike, come back with that parameter. */
+static inline void check_thin_frames(OIDNDevice device, const char *parameter, int value)
+{
+    enum { W = 61, H = 43 };
+    static const size_t sizes[][2] = {{1, 1}, {W, 1}, {1, H}, {17, 2}, {0, 0}, {0, 5}};
+    static float color[3 * W * H], result[3 * W * H];
+    size_t i, k;
+
+    for (i = 0; i < COUNT(color); i++)
+        color[i] = 0.25f;
+    for (i = 0; i < COUNT(sizes); i++) {
+        const size_t width = sizes[i][0], height = sizes[i][1];
+        OIDNFilter filter =
+            new_flagged(device, "h", (float *[]){color, NULL, NULL}, result, width, height);
+
+        oidnSetFilterInt(filter, parameter, value);
+        memset(result, 0, sizeof result);
+        run_filter(device, filter);
+        for (k = 0; k < 3 * width * height; k++)
+            CHECK(fabsf(result[k] - 0.25f) < 1e-6f);
+        oidnReleaseFilter(filter);
+    }
+}
+
+/* An output whose pixels are `step` floats apart and its rows `row`, which before had the numbers
+ * of its floats in them: from the third float of each pixel on it has what is expected, and no
+ * other has changed. */
+static inline void check_strided(const float *output, const float *expected, size_t width,
+                                 size_t height, size_t step, size_t row)
+{
+    size_t i;
+
+    for (i = 0; i < row * height; i++) {
+        const size_t x = i % row / step, value = i % row % step;
+
+        if (x < width && value >= 2 && value < 5)
+            CHECK(output[i] == expected[3 * (i / row * width + x) + value - 2]);
+        else
+            CHECK(output[i] == (float)i);
+    }
+}
+
 static inline float *noise_image(size_t floats, unsigned seed)
 {
     float *image = malloc(floats * sizeof *image);

@@ -19,13 +19,7 @@ static float color[VALUES], albedo[VALUES], normal[VALUES], result[VALUES], expe
 
 static void fill_inputs(unsigned seed)
 {
-    size_t i;
-
-    for (i = 0; i < VALUES; i++) {
-        color[i] = noise(&seed) * (0.2f + 0.7f * (float)(i / 3 % W) / W);
-        albedo[i] = i / 3 / W < H / 3 ? 0.25f : 0.75f;
-        normal[i] = 2 * noise(&seed) - 1;
-    }
+    fill_frame(color, albedo, normal, W, H, seed);
 }
 
 /* Columns of a frame after so many quarter turns. */
@@ -59,13 +53,6 @@ static OIDNFilter new_upright(OIDNDevice device, const char *flags, float *outpu
     return new_flagged(device, flags, (float *[]){color, albedo, normal}, output, W, H);
 }
 
-static void run(OIDNDevice device, OIDNFilter filter)
-{
-    oidnCommitFilter(filter);
-    oidnExecuteFilter(filter);
-    ERROR(device, NONE);
-}
-
 /* What an ensemble of n gives, made by hand of filters of one orientation, to `expected`. */
 static void make_expected(OIDNDevice device, const char *flags, unsigned n)
 {
@@ -81,7 +68,7 @@ static void make_expected(OIDNDevice device, const char *flags, unsigned n)
 
         for (i = 0; i < 3; i++)
             turn(inputs[i], upright[i], turns);
-        run(device, filter);
+        run_filter(device, filter);
         oidnReleaseFilter(filter);
         for (i = 0; i < W * H; i++)
             for (c = 0; c < 3; c++) {
@@ -100,7 +87,7 @@ static void expect_ensemble(OIDNDevice device, const char *flags, unsigned n)
     make_expected(device, flags, n);
     memset(result, 0x5a, sizeof result);
     oidnSetFilterInt(filter, "ensemble", (int)n);
-    run(device, filter);
+    run_filter(device, filter);
     if (!CHECK(memcmp(result, expected, sizeof result) == 0))
         printf("  %s, %u\n", flags, n);
     oidnReleaseFilter(filter);
@@ -157,7 +144,7 @@ static void one_filter_may_change(void)
         make_expected(device, "han", (unsigned)numbers[i]);
         oidnSetFilterInt(filter, "ensemble", numbers[i]);
         CHECK_EQ(oidnGetFilterInt(filter, "ensemble"), numbers[i]);
-        run(device, filter);
+        run_filter(device, filter);
         CHECK(memcmp(result, expected, sizeof result) == 0);
         oidnExecuteFilter(filter); /* and again */
         CHECK(memcmp(result, expected, sizeof result) == 0);
@@ -189,7 +176,7 @@ static void same_on_all_threads_and_ports(void)
         oidnCommitDevice(device);
         filter = new_upright(device, "han", result);
         oidnSetFilterInt(filter, "ensemble", 4);
-        run(device, filter);
+        run_filter(device, filter);
         CHECK(memcmp(result, expected, sizeof result) == 0);
         oidnReleaseFilter(filter);
         oidnReleaseDevice(device);
@@ -230,16 +217,9 @@ static void images_may_have_strides(void)
                              STEP * sizeof(float), ROW * sizeof(float));
     oidnSetFilterBool(filter, "hdr", true);
     oidnSetFilterInt(filter, "ensemble", 4);
-    run(device, filter);
+    run_filter(device, filter);
     CHECK(memcmp(block, before, sizeof block) == 0);
-    for (i = 0; i < ALL; i++) {
-        const size_t x = i % ROW / STEP, value = i % ROW % STEP;
-
-        if (x < W && value >= 2 && value < 5)
-            CHECK(output[i] == expected[3 * (i / ROW * W + x) + value - 2]);
-        else
-            CHECK(output[i] == (float)i);
-    }
+    check_strided(output, expected, W, H, STEP, ROW);
     oidnReleaseFilter(filter);
     oidnReleaseDevice(device);
 }
@@ -261,7 +241,7 @@ static void output_may_overlap_inputs(void)
         oidnSetSharedFilterImage(filter, "color", block, F3, W, H, 0, 0, 0);
         oidnSetFilterInt(filter, "ensemble", 2);
         memcpy(block, color, sizeof color);
-        run(device, filter);
+        run_filter(device, filter);
         CHECK(memcmp(block + shift, expected, sizeof expected) == 0);
         oidnReleaseFilter(filter);
     }
@@ -292,7 +272,7 @@ static void half_outputs_are_rounded_once(void)
     filter = new_upright(device, "h", result);
     oidnSetSharedFilterImage(filter, "output", half, H3, W, H, 0, 0, 0);
     oidnSetFilterInt(filter, "ensemble", 4);
-    run(device, filter);
+    run_filter(device, filter);
     for (i = 0; i < VALUES; i++)
         CHECK(is_rounded(half[i], expected[i]));
     oidnReleaseFilter(filter);
@@ -303,9 +283,9 @@ static void half_outputs_are_rounded_once(void)
     oidnSetSharedFilterImage(narrow, "output", half, H1, W, H, 0, 0, 0);
     oidnSetFilterBool(narrow, "hdr", true);
     oidnSetFilterInt(narrow, "ensemble", 2);
-    run(device, narrow);
+    run_filter(device, narrow);
     oidnSetSharedFilterImage(narrow, "output", result, F1, W, H, 0, 0, 0);
-    run(device, narrow);
+    run_filter(device, narrow);
     for (i = 0; i < W * H; i++)
         CHECK(is_rounded(half[i], result[i]));
     oidnReleaseFilter(narrow);
@@ -314,28 +294,11 @@ static void half_outputs_are_rounded_once(void)
 
 static void frames_may_be_thin_or_empty(void)
 {
-    static const size_t sizes[][2] = {{1, 1}, {W, 1}, {1, H}, {17, 2}, {0, 0}, {0, 5}};
     OIDNDevice device;
-    size_t i;
 
     OURS();
     device = new_device();
-    for (i = 0; i < VALUES; i++)
-        color[i] = 0.25f;
-    for (i = 0; i < COUNT(sizes); i++) {
-        OIDNFilter filter = new_upright(device, "h", result);
-        const size_t width = sizes[i][0], height = sizes[i][1];
-        size_t k;
-
-        oidnSetSharedFilterImage(filter, "color", color, F3, width, height, 0, 0, 0);
-        oidnSetSharedFilterImage(filter, "output", result, F3, width, height, 0, 0, 0);
-        oidnSetFilterInt(filter, "ensemble", 4);
-        memset(result, 0, sizeof result);
-        run(device, filter);
-        for (k = 0; k < 3 * width * height; k++)
-            CHECK(fabsf(result[k] - 0.25f) < 1e-6f);
-        oidnReleaseFilter(filter);
-    }
+    check_thin_frames(device, "ensemble", 4);
     oidnReleaseDevice(device);
 }
 
@@ -365,7 +328,7 @@ static void takes_one_two_or_four(void)
         ERROR(device, OPERATION);
     }
     oidnSetFilterInt(filter, "ensemble", 2);
-    run(device, filter);
+    run_filter(device, filter);
     CHECK(memcmp(result, expected, sizeof result) == 0);
     oidnReleaseFilter(filter);
     oidnReleaseDevice(device);
@@ -382,7 +345,7 @@ static void weights_may_be_the_callers(void)
     filter = new_upright(device, "s", result);
     use_identity(filter, 3);
     oidnSetFilterInt(filter, "ensemble", 4);
-    run(device, filter);
+    run_filter(device, filter);
     CHECK(difference(result, color, VALUES) < 1e-3f);
     oidnReleaseFilter(filter);
     oidnReleaseDevice(device);
@@ -413,7 +376,7 @@ static void goes_with_quality_auto(void)
             oidnSetSharedFilterImage(filter, "output", outputs[i], F3, SIDE, SIDE, 0, 0, 0);
             oidnSetFilterInt(filter, "ensemble", 2);
             oidnSetFilterInt(filter, "quality", i ? used : LULL_QUALITY_AUTO);
-            run(device, filter);
+            run_filter(device, filter);
             oidnExecuteFilter(filter);
             used = oidnGetFilterInt(filter, "usedQuality");
             CHECK_EQ(used, k ? OIDN_QUALITY_HIGH : OIDN_QUALITY_FAST);
@@ -442,18 +405,18 @@ static void memory_is_limited(void)
     oidnSetSharedFilterImage(filter, "color", large, F3, WIDE, HIGH, 0, 0, 0);
     oidnSetSharedFilterImage(filter, "output", free_result, F3, WIDE, HIGH, 0, 0, 0);
     oidnSetFilterInt(filter, "ensemble", 2);
-    run(device, filter);
+    run_filter(device, filter);
     oidnSetSharedFilterImage(filter, "output", limited, F3, WIDE, HIGH, 0, 0, 0);
     least = least_megabytes(device, filter);
     oidnSetFilterInt(filter, "maxMemoryMB", least - 1);
     oidnCommitFilter(filter);
     ERROR(device, MEMORY);
     oidnSetFilterInt(filter, "maxMemoryMB", least);
-    run(device, filter);
+    run_filter(device, filter);
     CHECK(memcmp(limited, free_result, sizeof limited) == 0);
     memset(limited, 0, sizeof limited);
     oidnSetFilterInt(filter, "maxMemoryMB", 0);
-    run(device, filter);
+    run_filter(device, filter);
     CHECK(memcmp(limited, free_result, sizeof limited) == 0);
     oidnReleaseFilter(filter);
     oidnReleaseDevice(device);
@@ -491,7 +454,7 @@ static void progress_is_of_the_whole(void)
     filter = new_upright(device, "han", result);
     oidnSetFilterInt(filter, "ensemble", 4);
     oidnSetFilterProgressMonitorFunction(filter, watch, &w);
-    run(device, filter);
+    run_filter(device, filter);
     CHECK(w.last == 1 && !w.went_back && w.calls > 40);
     for (i = 0; i < COUNT(stops); i++) {
         watcher stopping = {0, stops[i], 0, 0};
@@ -501,7 +464,7 @@ static void progress_is_of_the_whole(void)
         oidnExecuteFilter(filter);
         ERROR(device, CANCELLED);
         oidnSetFilterProgressMonitorFunction(filter, NULL, NULL); /* and then as ever */
-        run(device, filter);
+        run_filter(device, filter);
         CHECK(memcmp(result, expected, sizeof result) == 0);
     }
     oidnReleaseFilter(filter);

@@ -18,13 +18,7 @@ static float inputs[3][VALUES], result[VALUES], expected[VALUES];
 
 static void fill_inputs(unsigned seed)
 {
-    size_t i;
-
-    for (i = 0; i < VALUES; i++) {
-        inputs[0][i] = noise(&seed) * (0.2f + 0.7f * (float)(i / 3 % W) / W);
-        inputs[1][i] = i / 3 / W < H / 3 ? 0.25f : 0.75f;
-        inputs[2][i] = 2 * noise(&seed) - 1;
-    }
+    fill_frame(inputs[0], inputs[1], inputs[2], W, H, seed);
 }
 
 /* Index of the pixel seen at (x, y), which may lie outside: around the sphere, and over a pole on
@@ -55,9 +49,7 @@ static void make_expected(OIDNDevice device, const char *flags, int ensemble)
     filter = new_flagged(device, flags, (float *[]){outer[0], outer[1], outer[2]}, output, OUTER_W,
                          OUTER_H);
     oidnSetFilterInt(filter, "ensemble", ensemble);
-    oidnCommitFilter(filter);
-    oidnExecuteFilter(filter);
-    ERROR(device, NONE);
+    run_filter(device, filter);
     for (y = 0; y < H; y++)
         memcpy(expected + 3 * W * y, output + 3 * ((y + BORDER) * OUTER_W + BORDER),
                3 * W * sizeof(float));
@@ -71,13 +63,6 @@ static OIDNFilter new_panorama(OIDNDevice device, const char *flags, float *outp
 
     oidnSetFilterBool(filter, "panorama", true);
     return filter;
-}
-
-static void run(OIDNDevice device, OIDNFilter filter)
-{
-    oidnCommitFilter(filter);
-    oidnExecuteFilter(filter);
-    ERROR(device, NONE);
 }
 
 /* ---- Results --------------------------------------------------------------------------------- */
@@ -99,7 +84,7 @@ static void is_what_lies_inside_a_border(void)
             make_expected(device, kinds[i], n);
             memset(result, 0x5a, sizeof result);
             oidnSetFilterInt(filter, "ensemble", n);
-            run(device, filter);
+            run_filter(device, filter);
             if (!CHECK(memcmp(result, expected, sizeof result) == 0))
                 printf("  %s, %d\n", kinds[i], n);
             oidnReleaseFilter(filter);
@@ -107,8 +92,8 @@ static void is_what_lies_inside_a_border(void)
     oidnReleaseDevice(device);
 }
 
-/* Means of the pixels next to the cut, of a panorama that is dark on one side of it and bright on
- * the other: what a filter that sees both makes of them is no step but the noise's. */
+/* Of sparks, much noise, pixels on either side of the cut become much more alike where a filter
+ * sees both. */
 static void has_no_seam(void)
 {
     double step[2] = {0, 0};
@@ -126,7 +111,7 @@ static void has_no_seam(void)
 
         oidnSetFilterBool(filter, "panorama", k != 0);
         CHECK_EQ(oidnGetFilterBool(filter, "panorama"), k != 0);
-        run(device, filter);
+        run_filter(device, filter);
         for (y = 0; y < H; y++)
             step[k] += fabs((double)result[3 * W * y] - (double)result[3 * (W * y + W - 1)]);
         oidnReleaseFilter(filter);
@@ -147,13 +132,13 @@ static void one_filter_may_change(void)
     fill_inputs(2);
     filter = new_panorama(device, "han", plain);
     oidnSetFilterBool(filter, "panorama", false);
-    run(device, filter);
+    run_filter(device, filter);
     oidnSetSharedFilterImage(filter, "output", result, F3, W, H, 0, 0, 0);
     for (i = 0; i < 4; i++) {
         fill_inputs(2);
         make_expected(device, "han", 1);
         oidnSetFilterBool(filter, "panorama", i & 1);
-        run(device, filter);
+        run_filter(device, filter);
         CHECK(memcmp(result, i & 1 ? expected : plain, sizeof result) == 0);
         oidnExecuteFilter(filter); /* and again */
         CHECK(memcmp(result, i & 1 ? expected : plain, sizeof result) == 0);
@@ -192,15 +177,8 @@ static void images_may_have_strides_and_halves(void)
     oidnSetSharedFilterImage(filter, "albedo", half, H3, W, H, 0, 0, 0);
     oidnSetSharedFilterImage(filter, "output", output, F3, W, H, 2 * sizeof(float),
                              STEP * sizeof(float), ROW * sizeof(float));
-    run(device, filter);
-    for (i = 0; i < ALL; i++) {
-        const size_t x = i % ROW / STEP, value = i % ROW % STEP;
-
-        if (x < W && value >= 2 && value < 5)
-            CHECK(output[i] == expected[3 * (i / ROW * W + x) + value - 2]);
-        else
-            CHECK(output[i] == (float)i);
-    }
+    run_filter(device, filter);
+    check_strided(output, expected, W, H, STEP, ROW);
     oidnReleaseFilter(filter);
     oidnReleaseDevice(device);
 }
@@ -221,7 +199,7 @@ static void output_may_overlap_inputs(void)
 
         oidnSetSharedFilterImage(filter, "color", block, F3, W, H, 0, 0, 0);
         memcpy(block, inputs[0], sizeof inputs[0]);
-        run(device, filter);
+        run_filter(device, filter);
         CHECK(memcmp(block + shift, expected, sizeof expected) == 0);
         oidnReleaseFilter(filter);
     }
@@ -230,27 +208,11 @@ static void output_may_overlap_inputs(void)
 
 static void frames_may_be_thin_or_empty(void)
 {
-    static const size_t sizes[][2] = {{1, 1}, {W, 1}, {1, H}, {17, 2}, {0, 0}, {0, 5}};
     OIDNDevice device;
-    size_t i;
 
     OURS();
     device = new_device();
-    for (i = 0; i < VALUES; i++)
-        inputs[0][i] = 0.25f;
-    for (i = 0; i < COUNT(sizes); i++) {
-        OIDNFilter filter = new_panorama(device, "h", result);
-        const size_t width = sizes[i][0], height = sizes[i][1];
-        size_t k;
-
-        oidnSetSharedFilterImage(filter, "color", inputs[0], F3, width, height, 0, 0, 0);
-        oidnSetSharedFilterImage(filter, "output", result, F3, width, height, 0, 0, 0);
-        memset(result, 0, sizeof result);
-        run(device, filter);
-        for (k = 0; k < 3 * width * height; k++)
-            CHECK(fabsf(result[k] - 0.25f) < 1e-6f);
-        oidnReleaseFilter(filter);
-    }
+    check_thin_frames(device, "panorama", 1);
     oidnReleaseDevice(device);
 }
 
@@ -272,11 +234,11 @@ static void memory_is_limited(void)
     oidnCommitFilter(filter);
     ERROR(device, MEMORY);
     oidnSetFilterInt(filter, "maxMemoryMB", least);
-    run(device, filter);
+    run_filter(device, filter);
     CHECK(memcmp(result, expected, sizeof result) == 0);
     memset(result, 0, sizeof result);
     oidnSetFilterInt(filter, "maxMemoryMB", 0);
-    run(device, filter);
+    run_filter(device, filter);
     CHECK(memcmp(result, expected, sizeof result) == 0);
     oidnReleaseFilter(filter);
     oidnReleaseDevice(device);
