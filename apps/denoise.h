@@ -28,6 +28,7 @@ typedef struct denoise_settings {
     int is_untold; /* nobody said whether the colour is HDR: its extension does, or what it holds */
     int is_prefiltering; /* the albedo is denoised by itself first */
     int is_panorama;     /* of a whole sphere: the edges meet */
+    int is_split;        /* the mean of the colour denoised as a whole and pass by pass */
     int is_temporal;     /* inputs and results are means with the frames before */
     int has_motion_scale;
     float motion_scale[2];

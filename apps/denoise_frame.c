@@ -73,6 +73,7 @@ static void job_free(frame_job *job)
     image_destroy(&job->backup);
     image_destroy(&job->reference);
     denoise_passes_free(job);
+    denoise_split_free(job);
     denoise_inputs_free(&job->inputs);
 }
 
@@ -133,21 +134,26 @@ image *denoise_result(frame_job *job)
     return job->settings->is_in_place ? &job->inputs.images[job->inputs.main] : &job->output;
 }
 
+exit_code denoise_make_view(frame_job *job, device_image *view, image *img)
+{
+    if (device_image_init(view, job->session->device, img,
+                          (device_storage)job->settings->storage))
+        return denoise_device_error(job, 0);
+    device_image_upload(view);
+    return EXIT_OK;
+}
+
 static exit_code make_views(frame_job *job)
 {
-    OIDNDevice device = job->session->device;
-    device_storage storage = (device_storage)job->settings->storage;
-    for (int i = 0; i < 3; i++) {
-        if (!job->inputs.images[i].pixels)
-            continue;
-        if (device_image_init(&job->views[i], device, &job->inputs.images[i], storage))
-            return denoise_device_error(job, 0);
-        device_image_upload(&job->views[i]);
-    }
-    if (!job->settings->is_in_place &&
-        device_image_init(&job->output_view, device, &job->output, storage))
+    exit_code code = EXIT_OK;
+    for (int i = 0; i < 3 && !code; i++)
+        if (job->inputs.images[i].pixels)
+            code = denoise_make_view(job, &job->views[i], &job->inputs.images[i]);
+    if (!code && !job->settings->is_in_place &&
+        device_image_init(&job->output_view, job->session->device, &job->output,
+                          (device_storage)job->settings->storage))
         return denoise_device_error(job, 0);
-    return denoise_device_error(job, 0);
+    return code ? code : denoise_device_error(job, 0);
 }
 
 /* Makes a filter of the session, once. */
@@ -187,12 +193,22 @@ exit_code denoise_run_filter(frame_job *job, OIDNFilter filter)
     return code;
 }
 
-/* --prefilter: denoises the albedo in its own memory, without help of other images. Where few
- * samples see a fine texture each, an albedo is as noisy as the light. */
+exit_code denoise_prefilter(frame_job *job, const device_image *albedo)
+{
+    OIDNFilter *filter = &job->session->albedo_filter;
+    exit_code code = make_once(job, filter, "RT");
+    if (code)
+        return code;
+    device_image_set(albedo, *filter, "albedo");
+    device_image_set(albedo, *filter, "output");
+    denoise_commit(job, *filter);
+    return denoise_run_filter(job, *filter);
+}
+
+/* Where few samples see a fine texture each, an albedo is as noisy as the light. */
 static exit_code prefilter_albedo(frame_job *job)
 {
     const device_image *albedo = &job->views[IMAGE_ALBEDO];
-    OIDNFilter *filter = &job->session->albedo_filter;
     double start = platform_clock(), seconds;
     exit_code code;
     if (!job->settings->is_prefiltering)
@@ -202,13 +218,7 @@ static exit_code prefilter_albedo(frame_job *job)
         report_line("  there is none beside the image\n");
         return EXIT_OK;
     }
-    code = make_once(job, filter, "RT");
-    if (code)
-        return code;
-    device_image_set(albedo, *filter, "albedo");
-    device_image_set(albedo, *filter, "output");
-    denoise_commit(job, *filter);
-    code = denoise_run_filter(job, *filter);
+    code = denoise_prefilter(job, albedo);
     if (code)
         return code;
     seconds = platform_clock() - start;
@@ -281,17 +291,19 @@ static void rewind_input(frame_job *job)
     device_image_upload(&job->views[job->inputs.main]);
 }
 
-/* Makes the result once: runs the filter and downloads it, or adds up parts. */
+/* Makes the result once: runs the filter and downloads it, or adds up parts, or both. */
 static exit_code execute(frame_job *job, double *seconds)
 {
     const int has_parts = job->settings->part_count > 0;
     double start = platform_clock();
     exit_code code =
         has_parts ? denoise_parts_run(job) : denoise_run_filter(job, job->session->filter);
-    *seconds = platform_clock() - start;
     if (!code && !has_parts)
         device_image_download(job->settings->is_in_place ? &job->views[job->inputs.main]
                                                          : &job->output_view);
+    if (!code && job->settings->is_split)
+        code = denoise_split_run(job);
+    *seconds = platform_clock() - start;
     return code;
 }
 
@@ -382,6 +394,12 @@ static exit_code run_once(frame_job *job, int run, uint32_t *hash)
     exit_code code;
     if (run)
         rewind_input(job);
+    if (run && job->settings->is_split) {
+        configure(job); /* the filter has the images of a share */
+        code = denoise_device_error(job, 1);
+        if (code)
+            return code;
+    }
     report_line("Denoising\n");
     code = execute(job, &seconds);
     if (code)
@@ -445,6 +463,8 @@ static exit_code process(frame_job *job)
         return EXIT_OK;
     code = denoise_passes_load(job);
     if (!code)
+        code = denoise_split_load(job);
+    if (!code)
         code = make_output(job);
     if (!code && job->settings->reference)
         code = denoise_load_reference(&job->reference, job->settings, &job->inputs, job->frame);
@@ -462,6 +482,8 @@ static exit_code process(frame_job *job)
         code = denoise_passes_run(job);
     if (!code)
         denoise_passes_tell(job);
+    if (!code)
+        denoise_split_tell(job);
     return code ? code : denoise_write_outputs(job);
 }
 

@@ -145,6 +145,8 @@ static const option table[] = {
          "quality (high); auto: the least that the image needs"),
     WORD("ensemble", ensemble, device_ensembles, "1|2|4",
          "denoise it upright and turned, and take the mean: better, takes as many times as long"),
+    FLAG("split", is_split, 1,
+         "also by the passes of light in the colour's file, and take the mean: better, slower"),
     FLOAT("is input_scale input-scale inputScale inputscale", input_scale, "X",
           "scale of the colour (chosen from the image)"),
     FLOAT("strength", strength, "0-1", "how much of the noise goes (1: what the filter removes)"),
@@ -255,6 +257,10 @@ static exit_code validate(const S *s)
         return report_error(EXIT_USAGE,
                             "--pass and --part: '%s' holds no layers, an .exr file does",
                             s->outputs[0]);
+    if (s->is_split && (!s->files[IMAGE_COLOR] || s->is_directional || s->is_temporal ||
+                        s->part_count || strcmp(s->filter, "RT")))
+        return report_error(EXIT_USAGE, "--split is for colours, the filter RT, frames one by one, "
+                                        "and without --part");
     if (s->frames) {
         for (int i = 0; i < s->output_count; i++)
             if (!sequence_is_pattern(s->outputs[i]))

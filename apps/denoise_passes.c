@@ -130,17 +130,17 @@ exit_code denoise_passes_load(frame_job *job)
 
 /* ---- Denoising ------------------------------------------------------------------------------- */
 
-/* Sets the images of a pass, which its result replaces, and commits. */
-static exit_code configure(frame_job *job, const denoise_pass *pass, const device_image *view)
+/* Sets the images of a layer, which its result replaces, and commits. */
+static exit_code configure(frame_job *job, const device_image *view, const device_image *albedo)
 {
     OIDNFilter filter = job->session->filter;
-    const int has_albedo = job->inputs.images[IMAGE_ALBEDO].pixels && !pass->is_bare;
+    const int has_albedo = albedo && albedo->img;
     const int has_normal = job->inputs.images[IMAGE_NORMAL].pixels != NULL;
 
     device_image_set(view, filter, "color");
     device_image_set(view, filter, "output");
     if (has_albedo)
-        device_image_set(&job->views[IMAGE_ALBEDO], filter, "albedo");
+        device_image_set(albedo, filter, "albedo");
     else
         oidnUnsetFilterImage(filter, "albedo");
     if (has_normal)
@@ -154,6 +154,20 @@ static exit_code configure(frame_job *job, const denoise_pass *pass, const devic
     return denoise_device_error(job, 1);
 }
 
+exit_code denoise_layer(frame_job *job, image *img, const device_image *albedo)
+{
+    device_image view = {0};
+    exit_code code = denoise_make_view(job, &view, img);
+    if (!code)
+        code = configure(job, &view, albedo);
+    if (!code)
+        code = denoise_run_filter(job, job->session->filter);
+    if (!code)
+        device_image_download(&view);
+    device_image_free(&view);
+    return code;
+}
+
 static void clamp_to_one(image *img)
 {
     for (size_t i = 0, n = image_count(img); i < n; i++)
@@ -164,10 +178,9 @@ static void clamp_to_one(image *img)
 static exit_code run_pass(frame_job *job, denoise_pass *pass)
 {
     const denoise_settings *s = job->settings;
-    device_image view = {0};
     image noisy = {0};
     image_error error;
-    exit_code code = EXIT_OK;
+    exit_code code;
 
     if (s->strength < 1) {
         if (image_create(&noisy, pass->img.width, pass->img.height, pass->img.channels,
@@ -175,23 +188,13 @@ static exit_code run_pass(frame_job *job, denoise_pass *pass)
             return report_error(EXIT_DENOISE, "%s: %s", job->inputs.paths[IMAGE_COLOR], error.text);
         memcpy(noisy.pixels, pass->img.pixels, image_bytes(&noisy));
     }
-    if (device_image_init(&view, job->session->device, &pass->img,
-                          (device_storage)s->storage))
-        code = denoise_device_error(job, 0);
+    code = denoise_layer(job, &pass->img, pass->is_bare ? NULL : &job->views[IMAGE_ALBEDO]);
     if (!code) {
-        device_image_upload(&view);
-        code = configure(job, pass, &view);
-    }
-    if (!code)
-        code = denoise_run_filter(job, job->session->filter);
-    if (!code) {
-        device_image_download(&view);
         if (noisy.pixels)
             denoise_weaken(&pass->img, &noisy, s->strength);
         if (pass->is_alpha)
             clamp_to_one(&pass->img);
     }
-    device_image_free(&view);
     image_destroy(&noisy);
     return code;
 }

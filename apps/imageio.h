@@ -108,7 +108,7 @@ typedef struct image_beside {
     image_error error;
 } image_beside;
 
-#define IMAGE_MAX_BESIDE (IMAGE_ROLES - 1)
+#define IMAGE_MAX_BESIDE 80
 
 /* Reads an image. The format is told from the content, not from the name. On failure `out` is
  * empty. */

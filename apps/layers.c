@@ -161,14 +161,49 @@ static int is_auxiliary(const char *channel)
 
 int layers_may_be_light(const char *channel) { return agreement(channel, "diffuse") > 0; }
 
+const layer_light layers_lights[LAYERS_LIGHTS] = {
+    {"Diffuse Direct", "Diffuse Color", 0}, /* Cycles, from Blender 5 on */
+    {"Diffuse Indirect", "Diffuse Color", 0},
+    {"Glossy Direct", "Glossy Color", 0},
+    {"Glossy Indirect", "Glossy Color", 0},
+    {"Transmission Direct", "Transmission Color", 1},
+    {"Transmission Indirect", "Transmission Color", 1},
+    {"DiffDir", "DiffCol", 0}, /* to Blender 4 */
+    {"DiffInd", "DiffCol", 0},
+    {"GlossDir", "GlossCol", 0},
+    {"GlossInd", "GlossCol", 0},
+    {"TransDir", "TransCol", 1},
+    {"TransInd", "TransCol", 1},
+    {"diffuse_direct", NULL, 0}, /* Arnold */
+    {"diffuse_indirect", NULL, 0},
+    {"specular_direct", NULL, 0},
+    {"specular_indirect", NULL, 0},
+    {"coat_direct", NULL, 0},
+    {"coat_indirect", NULL, 0},
+    {"sheen_direct", NULL, 0},
+    {"sheen_indirect", NULL, 0},
+    {"transmission_direct", NULL, 0},
+    {"transmission_indirect", NULL, 0},
+    {"sss_direct", NULL, 0},
+    {"sss_indirect", NULL, 0},
+    {"volume_direct", NULL, 0},
+    {"volume_indirect", NULL, 0},
+    {"directDiffuse", NULL, 0}, /* RenderMan */
+    {"indirectDiffuse", NULL, 0},
+    {"directSpecular", NULL, 0},
+    {"indirectSpecular", NULL, 0},
+    {"subsurface", NULL, 0},
+    {"transmissive", NULL, 0},
+    {"DIRECT_DIFFUSE", NULL, 0}, /* LuxCore */
+    {"INDIRECT_DIFFUSE", NULL, 0},
+    {"DIRECT_GLOSSY", NULL, 0},
+    {"INDIRECT_GLOSSY", NULL, 0},
+};
+
 int layers_is_bare_light(const char *channel)
 {
-    static const char *const layers[] = {
-        "DiffDir", "DiffInd", "GlossDir", "GlossInd", "TransDir", "TransInd", /* to Blender 4 */
-        "Diffuse Direct", "Diffuse Indirect", "Glossy Direct", "Glossy Indirect",
-        "Transmission Direct", "Transmission Indirect"};
-    for (size_t i = 0; i < sizeof layers / sizeof layers[0]; i++)
-        if (agreement(channel, layers[i]))
+    for (size_t i = 0; i < LAYERS_LIGHTS; i++)
+        if (layers_lights[i].color && agreement(channel, layers_lights[i].light))
             return 1;
     return 0;
 }

@@ -32,8 +32,20 @@ layer_match layers_find_named(const char *layer, const char *const *names, size_
 /* 1 if the channel is of an albedo by the name of diffuse, which to most renderers is light. */
 int layers_may_be_light(const char *channel);
 
-/* 1 if the channel is of a pass of light that is still to be multiplied by the colours of surfaces,
- * by the names that Cycles has for such. */
+/* A pass of light, of those that add up to the colour. */
+typedef struct layer_light {
+    const char *light;
+    const char *color; /* layer of the surfaces' colours that it is still to be multiplied by; */
+                       /* NULL: it is a share of the picture as it is */
+    int is_seen_through; /* that is of glass: the picture's albedo shows what is behind it */
+} layer_light;
+
+/* What renderers call them; lobes one after the other. */
+#define LAYERS_LIGHTS 36
+extern const layer_light layers_lights[LAYERS_LIGHTS];
+
+/* 1 if the channel is of a pass of light that is still to be multiplied by the colours of
+ * surfaces. */
 int layers_is_bare_light(const char *channel);
 
 /* 1 for A and alpha, in upper or lower case: the component of a channel's name, after the dot. */

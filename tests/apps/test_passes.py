@@ -62,14 +62,6 @@ def write_parts(path) -> None:
     OpenEXR.File(parts).write(str(path))
 
 
-def read(path) -> dict[str, np.ndarray]:
-    """Channels of all parts."""
-    found = {}
-    for part in OpenEXR.File(str(path), separate_channels=True).parts:
-        found |= {name: c.pixels for name, c in part.channels.items()}
-    return found
-
-
 def of(found: dict, name: str) -> np.ndarray:
     return np.stack([found[c] for c in channels(name, np.zeros((1, 1, 3)))], -1)
 
@@ -81,7 +73,7 @@ def alone(denoise, name: str, *options) -> np.ndarray:
     done = denoise("in.exr", "--layer", f"color={layer}", *bare, "-o", "alone.exr", "-q", "fast",
                    *options)
     assert done.code == 0, done.err
-    return of(read("alone.exr"), name)
+    return of(t.read_parts("alone.exr"), name)
 
 
 @pytest.mark.parametrize("make", [write, write_parts])
@@ -92,7 +84,7 @@ def test_passes_are_what_calls_on_them_give(denoise, work, make, options):
     asked = [x for name in (*OTHER, "A") for x in ("--pass", name)]
     done = denoise("in.exr", *asked, "-o", "out.exr", "-q", "fast", *options)
     assert done.code == 0, done.err
-    before, after = read("in.exr"), read("out.exr")
+    before, after = t.read_parts("in.exr"), t.read_parts("out.exr")
     assert list(after) == list(before)
     assert {n: c.dtype for n, c in after.items()} == {n: c.dtype for n, c in before.items()}
     options = [] if "-n" in options else options
@@ -113,12 +105,12 @@ def test_parts_add_up_to_the_colour(denoise, work, options):
     asked = [x for name in LIGHT for x in ("--part", name)]
     done = denoise("in.exr", *asked, "--pass", "spec", "-o", "out.exr", "-q", "fast", *options)
     assert done.code == 0, done.err
-    after = read("out.exr")
+    after = t.read_parts("out.exr")
     for name in (*LIGHT, "spec"):
         assert np.array_equal(of(after, name), alone(denoise, name, *options)), name
     assert np.array_equal(of(after, "Combined"), of(after, LIGHT[0]) + of(after, LIGHT[1]))
     assert not np.array_equal(of(after, "Combined"), alone(denoise, "Combined", *options))
-    assert np.array_equal(after["View.Combined.A"], read("in.exr")["View.Combined.A"])
+    assert np.array_equal(after["View.Combined.A"], t.read_parts("in.exr")["View.Combined.A"])
 
 
 def test_a_sequence_with_passes(denoise, work):
@@ -129,7 +121,7 @@ def test_a_sequence_with_passes(denoise, work):
     assert done.code == 0, done.err
     for k in (1, 2):
         assert denoise(f"in{k}.exr", *asked, "-o", "one.exr").code == 0
-        one, both = read("one.exr"), read(f"out{k}.exr")
+        one, both = t.read_parts("one.exr"), t.read_parts(f"out{k}.exr")
         assert all(np.array_equal(one[name], both[name]) for name in one)
 
 
@@ -144,7 +136,7 @@ def test_what_it_says(denoise, work):
         ("Combined_key", True, True), ("Combined_sky", True, True), ("DiffDir", False, False)]
     assert all(p["msec"] > 0 for p in passes)
     colour = t.read_pfm(work / "out.pfm")
-    assert np.array_equal(colour, of(read("out.exr"), "Combined"))
+    assert np.array_equal(colour, of(t.read_parts("out.exr"), "Combined"))
 
 
 @pytest.mark.parametrize("options, code, text", [

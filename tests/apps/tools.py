@@ -311,6 +311,14 @@ def read_exr(path: Path, part: int = 0) -> dict[str, np.ndarray]:
     return {name: c.pixels for name, c in channels.items()}
 
 
+def read_parts(path: Path) -> dict[str, np.ndarray]:
+    """The channels of all parts."""
+    found = {}
+    for part in OpenEXR.File(str(path), separate_channels=True).parts:
+        found |= {name: c.pixels for name, c in part.channels.items()}
+    return found
+
+
 def stack(channels: dict, *names: str) -> np.ndarray:
     return np.stack([channels[n].astype(np.float32) for n in names], -1)
 

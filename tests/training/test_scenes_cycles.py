@@ -206,6 +206,26 @@ def test_adaptive_sampling_is_of_the_noisy_images_alone(tmp_path):
 
 
 @needs_bpy
+def test_light_passes_add_up_to_the_colour(tmp_path):
+    """Products of light and colour, but for lamps, the sky and fog; to the last bits of halves."""
+    import OpenEXR
+    done = start(tmp_path, "--seeds", "9", *SMALL, "--light_passes")
+    assert done.returncode == 0, done.stderr
+    version = group_of(tmp_path, "c00009").inputs[0]
+    layers = {}
+    for part in OpenEXR.File(str(version.files["*"])).parts:
+        layers |= {name.removeprefix("ViewLayer."): c.pixels for name, c in part.channels.items()}
+    layers = {name: pixels.astype(np.float32) for name, pixels in layers.items()}
+    light = sum((layers[f"{lobe} Direct"] + layers[f"{lobe} Indirect"]) * layers[f"{lobe} Color"]
+                for lobe in ("Diffuse", "Glossy", "Transmission"))
+    colour = layers["Combined"][..., :3]
+    apart = np.abs(light - colour) > 0.01 * (colour + 1e-3)
+    assert light.any() and (light <= 1.01 * colour + 1e-3).all() and apart.mean() < 0.5
+    again = start(tmp_path, "--seeds", "9", *SMALL)
+    assert again.returncode == 4 and "light_passes = True, not None" in again.stderr
+
+
+@needs_bpy
 def test_panoramas_meet_at_their_edges(tmp_path):
     done = start(tmp_path, "--seeds", "9", "--panorama", "--size", "64x32", "--spp", "1", "--ref",
                  "64", "--threads", "2")

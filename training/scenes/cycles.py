@@ -11,6 +11,7 @@ install bpy OpenEXR numpy).
 from __future__ import annotations
 
 import argparse
+import itertools
 import os
 import sys
 import tempfile
@@ -29,6 +30,7 @@ from . import options, picture
 from .render import ATTEMPTS, PILOT, draw_counts, judge_pair, noise_at, target_of
 
 FEATURES = ["hdr", "alb", "nrm"]
+LOBES, LIGHTS = ("diffuse", "glossy", "transmission"), ("direct", "indirect", "color")
 
 
 def parser() -> argparse.ArgumentParser:
@@ -46,6 +48,8 @@ def parser() -> argparse.ArgumentParser:
                    "of rooms, with fog, hair, glass, mirrors, motion and what else rooms lack")
     p.add_argument("--panorama", action="store_true", help="with --seeds, of rooms: all around "
                    "the camera, equirectangular; a size twice as wide as high shows it undistorted")
+    p.add_argument("--light_passes", action="store_true", help="direct and indirect light of "
+                   "diffuse, glossy and transmission, and their colours, as further layers")
     p.add_argument("--size", help="pixels: 256 or 320x208 (width x height; default: the size of "
                    "FILE, or 256)")
     p.add_argument("--spp", default="1,4,16", help="sample counts of the noisy images")
@@ -71,7 +75,7 @@ def start() -> ModuleType:
     return bpy
 
 
-def set_up(scene, size: tuple[int, int] | None, threads: int) -> None:
+def set_up(scene, size: tuple[int, int] | None, threads: int, light_passes: bool = False) -> None:
     """Cycles, features beside the radiance, and nothing that would change either afterwards. size:
     or None for the scene's own."""
     scene.render.engine = "CYCLES"
@@ -82,6 +86,9 @@ def set_up(scene, size: tuple[int, int] | None, threads: int) -> None:
     for layer in scene.view_layers:
         layer.use = layer == kept
     kept.cycles.denoising_store_passes = True
+    for lobe, kind in itertools.product(LOBES, LIGHTS):
+        if light_passes:
+            setattr(kept, f"use_pass_{lobe}_{kind}", True)
     render.use_compositing = render.use_sequencer = render.use_border = False
     if size:
         render.resolution_x, render.resolution_y = size
@@ -142,7 +149,7 @@ def build(bpy, seed: int, attempt: int, stock, size: tuple[int, int],
     from . import blender, layouts, still_lifes, views
     streams = [np.random.default_rng([seed, attempt, 100 + k]) for k in range(3)]
     bpy.ops.wm.read_factory_settings(use_empty=True)
-    set_up(bpy.context.scene, size, args.threads)
+    set_up(bpy.context.scene, size, args.threads, args.light_passes)
     if args.still_lifes:
         return still_lifes.arrange(bpy, streams[0], stock.pictures)
     name, stage = stock.home(streams[0]) or layouts.make(streams[0])
@@ -187,7 +194,8 @@ def procedural(bpy, args: argparse.Namespace, counts: list[int], targets: list[i
     seeds = options.shard(options.seed_list(args.seeds), args.shard)
     kept = {k: getattr(args, k) for k in ("size", "spp", "pick", "ref", "noise_threshold")}
     kept["assets"] = bool(args.assets)
-    kept["panorama"] = args.panorama or None  # as where it was no option yet
+    for name in ("panorama", "light_passes"):
+        kept[name] = getattr(args, name) or None  # as where it was no option yet
     letter = "o" if args.still_lifes else "c"
     todo = options.unfinished(args.out, seeds, letter, "scenes to render", kept)
     stock = library(bpy, args.assets)
@@ -225,13 +233,14 @@ def own(bpy, args: argparse.Namespace, counts: list[int], size: tuple[int, int] 
         raise ToolError(f"{args.blend}: no camera", DATA)
     frames = (options.count_list(args.frames, "--frames", 0) if args.frames
               else [scene.frame_current])
-    set_up(scene, size, args.threads)
+    set_up(scene, size, args.threads, args.light_passes)
     base = options.plain(os.path.splitext(os.path.basename(args.blend))[0])
     plain = {name: options.plain(name) for name in names}
     if len(set(plain.values())) < len(names):
         raise ToolError(f"{args.blend}: cameras of one name but for marks ({', '.join(names)}), "
                         "which are not told apart in names of files", DATA)
     kept = {k: getattr(args, k) for k in ("size", "spp", "ref", "noise_threshold")}
+    kept["light_passes"] = args.light_passes or None
     jobs = options.shard([(f, c) for f in frames for c in names], args.shard)
     for k, (frame, camera) in enumerate(jobs):
         name = f"{base}-f{frame:04d}" + (f"-{plain[camera]}" if len(names) > 1 else "")
