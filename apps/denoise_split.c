@@ -102,12 +102,14 @@ static exit_code read_layers(frame_job *job, wanted *all)
     return EXIT_OK;
 }
 
-/* The sum of all values' sizes. */
+/* The sum of all values' sizes, but those that are infinite or no numbers. */
 static double size_of(const image *img)
 {
     double size = 0;
-    for (size_t i = 0, n = image_count(img); i < n; i++)
-        size += fabs((double)image_get(img, i));
+    for (size_t i = 0, n = image_count(img); i < n; i++) {
+        float v = image_get(img, i);
+        size += isfinite(v) ? (double)fabsf(v) : 0;
+    }
     return size;
 }
 
