@@ -264,6 +264,19 @@ lull_status lull_rows_begin(lull_plan *plan, float input_scale, float calm,
 lull_status lull_rows(lull_plan *plan, const lull_images *images, unsigned rows, unsigned *ready,
                       const lull_host *host);
 
+/* ---- Light maps ------------------------------------------------------------------------------ */
+
+/* Gives the texels of a light map that belong to no surface, whose normal is 0 in all channels, the
+ * light of the nearest that do: light does not end where a chart does, and denoisers take what is
+ * black there for dark. Keep the normals as they are; with LULL_HAS_NORMAL they tell charts apart.
+ *
+ * output: as many channels as color, and either color itself or no part of any input. memory:
+ * lull_fill_size(width, height) bytes, 4 for each texel (0: no such image). The result does not
+ * depend on the CPU. Errors: ARGUMENT, IMAGE, MEMORY. */
+size_t lull_fill_size(unsigned width, unsigned height);
+lull_status lull_fill(const lull_image *output, const lull_image *color, const lull_image *normal,
+                      unsigned width, unsigned height, void *memory, size_t memory_bytes);
+
 #ifdef __cplusplus
 }
 #endif

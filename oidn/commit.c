@@ -62,9 +62,11 @@ static bool check_combination(OIDNFilter filter, unsigned features, lull_fault *
     const bool hdr = values[lull_value_hdr].i, srgb = values[lull_value_srgb].i;
     const char *why = NULL;
 
-    if (filter->type == LULL_LIGHTMAP)
+    if (filter->type == LULL_LIGHTMAP && !(features & LULL_HAS_COLOR))
+        why = "normals of a light map need its color image";
+    else if (filter->type == LULL_LIGHTMAP)
         return true;
-    if (hdr && srgb)
+    else if (hdr && srgb)
         why = "hdr and srgb exclude each other";
     else if (features == LULL_HAS_ALBEDO && hdr)
         why = "an albedo image alone cannot be hdr";
@@ -105,9 +107,9 @@ static lull_image view_of(const lull_image_param *image)
 }
 
 /* Overlap is decided by addresses, so raw pointers, shared buffers and buffers within each other's
- * memory are all seen. *staged: some input overlaps without lying in the same place, where a run
- * reads each pixel before it writes it. */
-static bool find_overlap(OIDNFilter filter, const lull_frame *frame, bool *staged)
+ * memory are all seen. inputs: LULL_HAS_*, those that are read where they lie. *staged: one of them
+ * overlaps without lying in the same place, where a run reads each pixel before it writes it. */
+static bool find_overlap(OIDNFilter filter, const lull_frame *frame, unsigned inputs, bool *staged)
 {
     const lull_image output = view_of(&filter->images[LULL_OUTPUT]);
     bool overlap = false;
@@ -117,7 +119,7 @@ static bool find_overlap(OIDNFilter filter, const lull_frame *frame, bool *stage
     for (i = 0; i < LULL_OUTPUT && frame->width && frame->height; i++) {
         const lull_image input = view_of(&filter->images[i]);
 
-        if (!(frame->features >> i & 1) ||
+        if (!(inputs >> i & 1) ||
             !lull_image_overlaps(&output, &input, frame->width, frame->height))
             continue;
         overlap = true;
@@ -150,6 +152,8 @@ static bool find_pictures(lull_pictures *pictures, OIDNFilter filter, lull_frame
     const lull_image_param *output = &filter->images[LULL_OUTPUT];
     const int n = filter->values[lull_value_ensemble].i;
     const bool is_panorama = filter->values[lull_value_panorama].i && frame->width && frame->height;
+    const bool is_filled = filter->type == LULL_LIGHTMAP && (frame->features & LULL_HAS_NORMAL) &&
+                           frame->width && frame->height;
     uint64_t pixels;
     size_t sum_bytes;
     bool staged;
@@ -159,7 +163,8 @@ static bool find_pictures(lull_pictures *pictures, OIDNFilter filter, lull_frame
         return lull_fail(fault, OIDN_ERROR_INVALID_ARGUMENT,
                          "ensemble is %d; it must be 1, 2 or 4", n);
     pictures->orientations = (unsigned)n;
-    frame->in_place = find_overlap(filter, frame, &staged);
+    frame->in_place = find_overlap(
+        filter, frame, frame->features & (is_filled ? LULL_HAS_NORMAL : ~0u), &staged);
     if (is_panorama) {
         if (lull_max_u(frame->width, frame->height) > LULL_MAX_SIZE - 2 * PANORAMA_BORDER)
             return lull_fail(fault, OIDN_ERROR_INVALID_ARGUMENT,
@@ -173,7 +178,7 @@ static bool find_pictures(lull_pictures *pictures, OIDNFilter filter, lull_frame
         staged = true;
     }
     pixels = (uint64_t)frame->width * frame->height;
-    if ((n > 1 || is_panorama) && pixels * 3 * sizeof(float) > SIZE_MAX / 8)
+    if ((n > 1 || is_panorama || is_filled) && pixels * 3 * sizeof(float) > SIZE_MAX / 8)
         return lull_fail(fault, OIDN_ERROR_OUT_OF_MEMORY, "out of memory: pictures of %llu pixels",
                          (unsigned long long)pixels);
     sum_bytes = (size_t)pixels * lull_format_channels(output->format) * sizeof(float);
@@ -187,23 +192,30 @@ static bool find_pictures(lull_pictures *pictures, OIDNFilter filter, lull_frame
             n > 1 ? sum_bytes : (size_t)pixels * lull_format_bytes(output->format);
     }
     if (is_panorama) {
+        pictures->inputs_bytes = bordered_bytes(filter, frame);
+    }
+    if (is_filled) {
+        pictures->is_filled = true;
+        pictures->inputs_bytes = lull_lightmap_bytes(
+            lull_format_bytes(filter->images[LULL_COLOR].format), frame);
+    }
+    if (pictures->inputs_bytes) {
         pictures->staged_bytes = lull_align_up(pictures->staged_bytes, LULL_ALIGN);
         pictures->turned_bytes = lull_align_up(pictures->turned_bytes, LULL_ALIGN);
-        pictures->bordered_bytes = bordered_bytes(filter, frame);
     }
     return true;
 }
 
 static size_t picture_bytes(const lull_pictures *pictures)
 {
-    return pictures->staged_bytes + pictures->turned_bytes + pictures->bordered_bytes;
+    return pictures->staged_bytes + pictures->turned_bytes + pictures->inputs_bytes;
 }
 
 static bool same_pictures(const lull_pictures *a, const lull_pictures *b)
 {
     return a->orientations == b->orientations && a->staged_bytes == b->staged_bytes &&
            a->turned_bytes == b->turned_bytes && a->border == b->border &&
-           a->bordered_bytes == b->bordered_bytes;
+           a->is_filled == b->is_filled && a->inputs_bytes == b->inputs_bytes;
 }
 
 /* ---- Plan ------------------------------------------------------------------------------------ */
@@ -443,6 +455,7 @@ static void print_summary(OIDNFilter filter, size_t model_bytes)
         printf("  Quality: auto, this network or one of %u smaller ones\n", ladder->rungs - 1);
     printf("  Image  : %ux%u%s\n", filter->frame.width, filter->frame.height,
            filter->pictures.border         ? ", a panorama, its border included"
+           : filter->pictures.is_filled    ? ", a light map, filled by its normals"
            : filter->pictures.staged_bytes ? ", in place with a copy"
            : filter->frame.in_place      ? ", in place"
                                          : "");
@@ -508,6 +521,9 @@ static bool prepare(OIDNFilter filter, bool may_change, bool *busy, lull_fault *
     frame.clean_aux = filter->values[lull_value_clean_aux].i != 0;
     if (!choose_model(filter, &frame, &model, &model_bytes, fault))
         return false;
+    lull_model_get_info(model, &info);
+    if (filter->type == LULL_LIGHTMAP && info.inputs == 3)
+        frame.features = LULL_HAS_COLOR; /* all that such weights see */
     if (!find_pictures(&pictures, filter, &frame, fault))
         return false;
     if (!lull_ladder_find(&ladder, filter, &frame, model, fault))
@@ -527,7 +543,6 @@ static bool prepare(OIDNFilter filter, bool may_change, bool *busy, lull_fault *
         lull_queue_take_fault(filter->device, fault); /* of earlier work; this commit holds */
     }
     publish_images(filter);
-    lull_model_get_info(model, &info);
     filter->values[lull_value_tile_alignment].i = (int)info.alignment;
     filter->values[lull_value_tile_overlap].i = (int)info.overlap;
     filter->dirty = false;

@@ -103,6 +103,21 @@ static float visible_scale(OIDNFilter filter, const lull_images *images, const l
                                                        : given;
 }
 
+/* The inputs in the place of those given, where there must be others. */
+static lull_status make_inputs(OIDNFilter filter, lull_images *images, const lull_host *host)
+{
+    const lull_pictures *pictures = &filter->pictures;
+    char *memory = filter->pictures_memory;
+
+    if (!pictures->inputs_bytes)
+        return LULL_OK;
+    memory += pictures->staged_bytes + pictures->turned_bytes;
+    if (pictures->is_filled)
+        return lull_lightmap_inputs(images, &filter->frame, memory);
+    lull_panorama_inputs(images, &filter->frame, pictures->border, memory, host);
+    return LULL_OK;
+}
+
 static void run_filter(const lull_job *job, lull_fault *fault)
 {
     OIDNFilter filter = job->filter;
@@ -122,13 +137,11 @@ static void run_filter(const lull_job *job, lull_fault *fault)
             &images.output, filter->pictures.orientations > 1 ? LULL_F32 : images.output.type,
             &filter->frame, filter->pictures_memory);
     lull_pool_enter(state.pool);
-    if (border)
-        lull_panorama_inputs(&images, &filter->frame, border,
-                             (char *)filter->pictures_memory + filter->pictures.staged_bytes +
-                                 filter->pictures.turned_bytes,
-                             &host);
-    images.input_scale = visible_scale(filter, &images, &host);
-    status = lull_ensemble_run(filter, &images, &host, &quality, fault);
+    status = make_inputs(filter, &images, &host);
+    if (status == LULL_OK) {
+        images.input_scale = visible_scale(filter, &images, &host);
+        status = lull_ensemble_run(filter, &images, &host, &quality, fault);
+    }
     lull_pool_leave(state.pool);
     if (status == LULL_OK && filter->pictures.staged_bytes) {
         const lull_image inside = lull_panorama_inside(&images.output, &filter->frame, border);

@@ -305,7 +305,9 @@ typedef struct lull_pictures {
                             * hold sums of orientations */
     size_t turned_bytes;   /* for the result of all orientations but the first */
     unsigned border;       /* pixels around a panorama, part of the frame; 0 of other images */
-    size_t bordered_bytes; /* for its inputs with them */
+    bool is_filled;        /* a light map whose charts are told by normals */
+    size_t inputs_bytes;   /* for inputs that are made first: of a panorama with the border, and the
+                            * light of all texels */
 } lull_pictures;
 
 struct OIDNFilterImpl {
@@ -448,6 +450,12 @@ void lull_panorama_inputs(lull_images *images, const lull_frame *frame, unsigned
 
 /* Of an image with a border what is inside. */
 lull_image lull_panorama_inside(const lull_image *image, const lull_frame *frame, unsigned border);
+
+/* Bytes that a light map with normals is filled in (lightmap.c). */
+size_t lull_lightmap_bytes(size_t pixel_bytes, const lull_frame *frame);
+
+/* Puts the light of all texels, in memory of that many bytes, in the place of the colour. */
+lull_status lull_lightmap_inputs(lull_images *images, const lull_frame *frame, void *memory);
 
 /* The frame in orientation `index`, from 0 on. */
 lull_frame lull_frame_turned(const lull_frame *frame, unsigned index);

@@ -2,7 +2,7 @@
 # of the tree.
 OIDN_SOURCES := oidn/auto.c oidn/buffer.c oidn/builtin.c oidn/commit.c oidn/cpus.c oidn/device.c oidn/ensemble.c \
                 oidn/error.c oidn/execute.c oidn/filter.c oidn/image_param.c oidn/legacy.c oidn/os.c \
-                oidn/panorama.c oidn/params.c oidn/physical.c oidn/queue.c oidn/semaphore.c oidn/threads.c
+                oidn/lightmap.c oidn/panorama.c oidn/params.c oidn/physical.c oidn/queue.c oidn/semaphore.c oidn/threads.c
 # OpenCL devices: the host's part, and the texts that the program for the device is made of, one after
 # the other. OPENCL=0 leaves both out.
 OPENCL_SOURCES := oidn/opencl/device.c oidn/opencl/plan.c oidn/opencl/probe.c \

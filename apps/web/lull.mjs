@@ -199,7 +199,8 @@ export class Denoiser {
    * albedo, normal  optional: in [0, 1]; in [-1, 1], in any space. Without a color the albedo, or
    *                 the normals, are denoised
    * content         of the main image: 'hdr' (linear radiance, the default of colors), 'ldr' (linear,
-   *                 at most 1, the default of others), 'srgb', 'lightmap_hdr', 'lightmap_dir'
+   *                 at most 1, the default of others), 'srgb', 'lightmap_hdr', 'lightmap_dir' (where
+   *                 the normal is 0 there is no surface: light from the nearest one stands there)
    * inputScale      brings radiance to the range the network knows; measured where not given
    * onProgress      is told the fraction done; cancels by returning false, or by an error
    *

@@ -84,6 +84,22 @@ EXPORT(void, set_image, (unsigned feature, float *data))
         images.normal = image;
 }
 
+/* What belongs to no surface gets the light of what does, if normals tell. */
+static lull_status fill_charts(void)
+{
+    const size_t bytes = lull_fill_size(frame.width, frame.height), begin = top;
+    const int is_map = frame.content == LULL_LIGHTMAP_HDR || frame.content == LULL_LIGHTMAP_DIR;
+    lull_status status = LULL_OK;
+    if (is_map && images.color.data && images.normal.data && bytes) {
+        void *memory = (void *)allocate(bytes);
+        status = memory ? lull_fill(&images.color, &images.color, &images.normal, frame.width,
+                                    frame.height, memory, bytes)
+                        : LULL_ERROR_MEMORY;
+        top = begin;
+    }
+    return status;
+}
+
 static int tell(void *user, double fraction)
 {
     (void)user;
@@ -106,6 +122,9 @@ EXPORT(lull_status, run, (float input_scale))
     images.output = images.color.data ? images.color
                     : images.albedo.data ? images.albedo : images.normal;
     images.input_scale = input_scale;
+    status = fill_charts();
+    if (status != LULL_OK)
+        return status;
     return lull_run(plan, &images, &host);
 }
 

@@ -102,7 +102,8 @@ class Denoiser:
     srgb         the colour (not hdr) is sRGB-encoded; else linear
     clean_aux    albedo and normals have no noise
     panorama     the images are equirectangular panoramas of a whole sphere, whose edges meet
-    filter_type  "RT", or "RTLightmap" for light maps (linear, no albedo and normals)
+    filter_type  "RT", or "RTLightmap" for light maps (linear, no albedo; normals beside them are 0
+                 where there is no surface, and light from the nearest one stands there)
     directional  of RTLightmap: directions in [-1, 1], not radiance
     input_scale  factor on the colour that makes it about 1 where it matters; None: measured
     weights      a TZA file's path or bytes; None: the built-in models
@@ -186,8 +187,8 @@ class Denoiser:
                  if v is not None}
         if not given:
             raise ValueError("color, albedo or normal is wanted")
-        if self._lightmap and set(given) != {"color"}:
-            raise ValueError("albedo and normal are of filter_type 'RT'")
+        if self._lightmap and ("albedo" in given or "color" not in given):
+            raise ValueError("filter_type 'RTLightmap' takes a color, and a normal beside it")
         first = next(iter(given.values()))
         images = {name: _array(image, name) for name, image in given.items()}
         main = next(iter(images.values()))

@@ -1,6 +1,6 @@
 # C test programs of this folder.
 TESTS += test_device test_buffer test_filter test_commit test_async test_release test_images \
-         test_process test_fuzz_api test_memory test_auto test_ensemble test_panorama
+         test_process test_fuzz_api test_memory test_auto test_ensemble test_panorama test_lightmap
 API_COMMON := tests/api/identity.c
 TEST_test_device_SOURCES := tests/api/test_device.c $(API_COMMON)
 TEST_test_buffer_SOURCES := tests/api/test_buffer.c $(API_COMMON)
@@ -16,3 +16,4 @@ TEST_test_memory_LIBS := -Wl,--wrap=malloc,--wrap=free,--wrap=pthread_create
 TEST_test_auto_SOURCES := tests/api/test_auto.c $(API_COMMON)
 TEST_test_ensemble_SOURCES := tests/api/test_ensemble.c $(API_COMMON)
 TEST_test_panorama_SOURCES := tests/api/test_panorama.c $(API_COMMON)
+TEST_test_lightmap_SOURCES := tests/api/test_lightmap.c $(API_COMMON)

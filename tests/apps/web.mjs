@@ -23,6 +23,9 @@ await run({
     same(lull.denoise({ width, height, color, inputScale: 0.05 }), native('--hdr', c, '--is', '0.05'));
     same(lull.denoise({ width, height, albedo }), native('--alb', a));
     same(lull.denoise({ width, height, normal }), native('--nrm', n));
+    const charts = normal.map((v, i) => (Math.floor(i / 3) % width) % 20 < 3 ? 0 : v);
+    same(lull.denoise({ width, height, color, normal: charts, content: 'lightmap_hdr' }),
+      native('--hdr', c, '--nrm', pfm('charts.pfm', charts), '-f', 'RTLightmap'));
   },
   async 'inputs of four channels, and of other types, are the same; none is changed'() {
     const lull = await load();

@@ -164,7 +164,7 @@ static void all_models_features_and_contents(void)
     } rows[] = {{"RT", "hdr", 7},  {"RT", "hdr", 1},  {"RT", "hdr", 3}, {"RT", "hdr", 5},
                 {"RT", NULL, 7},   {"RT", NULL, 1},   {"RT", NULL, 2},  {"RT", NULL, 4},
                 {"RT", "srgb", 7}, {"RT", "srgb", 1}, {"RT", "srgb", 2}, {"RTLightmap", NULL, 1},
-                {"RTLightmap", "directional", 1}};
+                {"RTLightmap", "directional", 1}, {"RTLightmap", NULL, 5}};
     static const size_t sizes[][2] = {{1, 1}, {3, 5}, {17, 33}, {16, 16}, {133, 71}};
     size_t i, s;
 

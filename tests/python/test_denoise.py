@@ -48,12 +48,15 @@ def test_panoramas_go_on_at_their_edges(lull, frame):
 
 def test_settings_reach_the_library(lull, frame, clean):
     ldr = {**frame, "color": frame["color"].clip(0, 1)}
+    charts = frame["normal"].copy()
+    charts[:, ::16] = 0
     results = [clean, lull.denoise(**ldr), lull.denoise(**ldr, srgb=True),
                lull.denoise(**frame, hdr=True, quality="fast"),
                lull.denoise(frame["color"], hdr=True),
                lull.denoise(frame["color"], frame["albedo"], hdr=True),
                lull.denoise(frame["color"] * 2 - 1, filter_type="RTLightmap", directional=True),
                lull.denoise(frame["color"], filter_type="RTLightmap"),
+               lull.denoise(frame["color"], normal=charts, filter_type="RTLightmap"),
                lull.denoise(frame["color"], hdr=True, input_scale=9.0),
                lull.denoise(**frame, hdr=True, ensemble=2),
                lull.denoise(**frame, hdr=True, ensemble=4),
@@ -230,8 +233,8 @@ IMAGE = np.zeros((8, 8, 3), np.float32)
     (ValueError, "linear", {"color": IMAGE, "hdr": True, "srgb": True}),
     (ValueError, "'RT'", {"color": IMAGE, "filter_type": "RTLightmap", "srgb": True}),
     (ValueError, "'RTLightmap'", {"color": IMAGE, "directional": True}),
-    (ValueError, "'RT'", {"color": IMAGE, "albedo": IMAGE, "filter_type": "RTLightmap"}),
-    (ValueError, "'RT'", {"normal": IMAGE, "filter_type": "RTLightmap"}),
+    (ValueError, "a color", {"color": IMAGE, "albedo": IMAGE, "filter_type": "RTLightmap"}),
+    (ValueError, "a color", {"normal": IMAGE, "filter_type": "RTLightmap"}),
     (ValueError, "quality: 7", {"color": IMAGE, "quality": 7}),
     (ValueError, "threads", {"color": IMAGE, "threads": -1}),
     (ValueError, "ensemble: 3", {"color": IMAGE, "ensemble": 3}),

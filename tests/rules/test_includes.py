@@ -25,6 +25,7 @@ LIB = {
     "transfer": {"curves"},
     "curves": {"kernels"},
     "exposure": {"image", "transfer", "kernels"},
+    "fill": {"image"},
     "cpu": {"ports"},
     "winograd": set(),
     "patches": set(),
