@@ -78,6 +78,20 @@ static void add_full(lull_conv *conv, const lull_plan *plan, unsigned l, unsigne
                 3 + plan->model->layer[l].has_pairs, stride, weights[dy]);
 }
 
+/* Codes of a head: code k of pixel p at `at` + k * plane + p * step. */
+typedef struct lull_codes {
+    const uint8_t *at;
+    size_t step, plane;
+} lull_codes;
+
+/* From plane to plane of the codes of n pixels that layer l makes, if they are in planes. */
+static size_t head_plane(const lull_plan *plan, unsigned l, unsigned n)
+{
+    return lull_graph_is_local(&plan->model->graph, l + 1)
+               ? n
+               : plan->row_width >> plan->model->graph.layer[l].level;
+}
+
 /* Columns [x, x+n) of row y of a layer's convolution; x and n even if the source is upsampled or
  * pixels come in pairs. start: NULL, or the bias and what the sources in patches add, for each
  * pixel. */
@@ -94,6 +108,7 @@ static void conv_row(const lull_plan *plan, unsigned l, uint8_t *out, const int3
     unsigned stride = packed->has_pairs || lull_layer_is_up(layer) ? 2 : 1;
     unsigned phases = packed->has_pairs ? 1 : stride;
     void (*kernel)(const lull_conv *) = !plan->model->graph.is_integer ? kernels->conv_f32
+                                        : packed->in_planes            ? kernels->head
                                         : lull_pack_is_int3(&plan->model->graph, kernels, l)
                                             ? kernels->conv_int3
                                             : kernels->conv_int;
@@ -107,7 +122,7 @@ static void conv_row(const lull_plan *plan, unsigned l, uint8_t *out, const int3
     conv.fits_words = packed->fits_words;
     conv.least = 0.0f;
     conv.outputs = (unsigned)layer->outputs << packed->has_pairs;
-    conv.out_step = (size_t)stride * layer->outputs;
+    conv.out_step = packed->in_planes ? head_plane(plan, l, n) : (size_t)stride * layer->outputs;
     conv.pixels = n / stride;
     conv.start_step = conv.out_step;
     for (unsigned phase = 0; phase < phases; phase++) {
@@ -141,14 +156,30 @@ lull_part lull_exec_part(const lull_task *t, unsigned index, unsigned left, unsi
     return part;
 }
 
-/* Pixel x of row y of a tensor with interleaved channels, or where a worker has it while that part
- * of the row is made. */
+/* Pixel x of row y of a layer's result, or where a worker has it while that part of the row is
+ * made. */
 static uint8_t *part_at(const lull_task *t, unsigned tensor, unsigned x, unsigned y,
                         unsigned worker)
 {
+    size_t pixel = lull_ring_pixel(&t->plan->ring[tensor]);
     if (lull_graph_is_local(&t->plan->model->graph, tensor))
         return (uint8_t *)lull_exec_scratch(t, worker) + LULL_SCRATCH_LOCAL;
-    return lull_exec_row(t->plan, tensor, y) + x * lull_ring_pixel(&t->plan->ring[tensor]);
+    if (t->plan->model->layer[tensor - 1].in_planes)
+        pixel = 1;
+    return lull_exec_row(t->plan, tensor, y) + x * pixel;
+}
+
+/* Codes of n pixels from pixel x of row y on of a head, numbered as if it had all of them. */
+static lull_codes codes_of(const lull_task *t, unsigned head, unsigned x, unsigned y, unsigned n,
+                           unsigned worker)
+{
+    const int in_planes = t->plan->model->layer[head - 1].in_planes;
+    lull_codes codes;
+    codes.step = in_planes ? 1 : t->plan->ring[head].channels;
+    codes.plane = in_planes ? head_plane(t->plan, head - 1, n) : 1;
+    codes.at = part_at(t, head, x, y, worker) -
+               t->plan->model->graph.layer[head - 1].first * codes.plane;
+    return codes;
 }
 
 /* Columns [x, x+n) of row y of a convolution, pooled if it pools (x and n are before pooling). */
@@ -194,9 +225,10 @@ uint8_t *lull_exec_noise(const lull_plan *plan, unsigned tensor, unsigned y, uns
     return lull_exec_codes(plan, tensor, y, x) + (unsigned)before * code_plane(plan, tensor);
 }
 
-/* 5x5 means of n pixels of the layer's first source, from column x on: its last three planes. */
+/* 5x5 means of n pixels of the layer's first source, from column x on: its last three planes. Codes
+ * from number `first` on. */
 static void make_means(const lull_task *t, unsigned x, unsigned y, unsigned n, float more,
-                       float none, const uint8_t *codes, size_t step)
+                       float none, const lull_codes *codes, unsigned first)
 {
     const lull_plan *plan = t->plan;
     unsigned source = plan->model->graph.layer[t->layer].source[0];
@@ -208,8 +240,9 @@ static void make_means(const lull_task *t, unsigned x, unsigned y, unsigned n, f
     window.out_plane = lull_exec_plane(plan, t->layer + 1);
     window.out = lull_exec_floats(plan, t->layer + 1, y, x) +
                  (plan->model->graph.layer[t->layer].outputs - 3u) * window.out_plane;
-    window.codes = codes;
-    window.code_step = step;
+    window.codes = codes->at + first * codes->plane;
+    window.code_step = codes->step;
+    window.code_plane = codes->plane;
     window.table = plan->model->weight_table;
     window.more = more;
     window.none = none;
@@ -218,13 +251,13 @@ static void make_means(const lull_task *t, unsigned x, unsigned y, unsigned n, f
 }
 
 static void make_smooth(const lull_task *t, unsigned x, unsigned y, unsigned n,
-                        const uint8_t *codes, size_t step, unsigned worker)
+                        const lull_codes *codes, unsigned worker)
 {
     float *out = lull_exec_floats(t->plan, t->layer + 1, y, x);
     size_t plane = lull_exec_plane(t->plan, t->layer + 1);
     (void)worker;
     if (t->plan->frame.features & LULL_HAS_COLOR && t->plan->frame.features & LULL_HAS_ALBEDO) {
-        make_means(t, x, y, n, LULL_FILTER_EPSILON, 1.0f, codes + LULL_HEAD_ALBEDO, step);
+        make_means(t, x, y, n, LULL_FILTER_EPSILON, 1.0f, codes, LULL_HEAD_ALBEDO);
         return;
     }
     for (unsigned c = 0; c < 3; c++)
@@ -234,13 +267,13 @@ static void make_smooth(const lull_task *t, unsigned x, unsigned y, unsigned n,
 
 /* Filtered normals, by the albedo's kernel. */
 static void make_facing(const lull_task *t, unsigned x, unsigned y, unsigned n,
-                        const uint8_t *codes, size_t step, unsigned worker)
+                        const lull_codes *codes, unsigned worker)
 {
     float *out = lull_exec_floats(t->plan, t->layer + 1, y, x);
     size_t plane = lull_exec_plane(t->plan, t->layer + 1);
     (void)worker;
     if (lull_plan_has(t->plan, LULL_TENSOR_NORMAL)) {
-        make_means(t, x, y, n, 0.0f, 0.0f, codes + LULL_HEAD_ALBEDO, step);
+        make_means(t, x, y, n, 0.0f, 0.0f, codes, LULL_HEAD_ALBEDO);
         return;
     }
     for (unsigned c = 0; c < 3; c++)
@@ -248,7 +281,7 @@ static void make_facing(const lull_task *t, unsigned x, unsigned y, unsigned n,
 }
 
 static void make_demodulated(const lull_task *t, unsigned x, unsigned y, unsigned n,
-                             const uint8_t *codes, size_t step, unsigned worker)
+                             const lull_codes *codes, unsigned worker)
 {
     const lull_plan *plan = t->plan;
     const lull_layer *layer = &plan->model->graph.layer[t->layer];
@@ -257,20 +290,21 @@ static void make_demodulated(const lull_task *t, unsigned x, unsigned y, unsigne
     float *out = lull_exec_floats(plan, t->layer + 1, y, x);
     const float *smooth = lull_exec_floats(plan, layer->source[1], y, x);
     size_t plane = lull_exec_plane(plan, t->layer + 1);
+    const uint8_t *confidence = codes->at + LULL_HEAD_CONFIDENCE * codes->plane;
     for (unsigned done = 0; done < inside; done += LULL_BLOCK) {
         unsigned count = lull_min_u(LULL_BLOCK, inside - done);
         lull_encoding from;
         lull_exec_radiance(&from, t, lull_exec_scratch(t, worker), t->left + x + done, y, count);
         plan->model->kernels.demodulate(
             out + done, plane, &from, smooth + done, lull_exec_plane(plan, layer->source[1]),
-            codes + done * step, step, plan->model->weight_table, count);
+            confidence + done * codes->step, codes->step, plan->model->weight_table, count);
     }
     for (unsigned c = 0; c < 4; c++)
         memset(out + c * plane + inside, 0, (size_t)(n - inside) * sizeof *out);
 }
 
 static void make_pooled(const lull_task *t, unsigned x, unsigned y, unsigned n,
-                        const uint8_t *codes, size_t step, unsigned worker)
+                        const lull_codes *codes, unsigned worker)
 {
     const lull_plan *plan = t->plan;
     unsigned source = plan->model->graph.layer[t->layer].source[0];
@@ -278,20 +312,24 @@ static void make_pooled(const lull_task *t, unsigned x, unsigned y, unsigned n,
     plan->model->kernels.shrink(
         lull_exec_floats(plan, t->layer + 1, y, x), lull_exec_plane(plan, t->layer + 1),
         lull_exec_floats(plan, source, 2 * y, 2 * x),
-        lull_exec_floats(plan, source, 2 * y + 1, 2 * x), lull_exec_plane(plan, source), codes,
-        step, plan->model->weight_table, n);
+        lull_exec_floats(plan, source, 2 * y + 1, 2 * x), lull_exec_plane(plan, source),
+        codes->at + LULL_HEAD_CONFIDENCE * codes->plane, codes->step, plan->model->weight_table, n);
 }
 
 static void make_filtered(const lull_task *t, unsigned x, unsigned y, unsigned n,
-                          const uint8_t *codes, size_t step, unsigned worker)
+                          const lull_codes *codes, unsigned worker)
 {
     const lull_plan *plan = t->plan;
     unsigned source = plan->model->graph.layer[t->layer].source[0];
     uint8_t *kept = lull_exec_codes(plan, t->layer + 1, y, x);
+    const uint8_t *blend = codes->at + LULL_HEAD_BLEND * codes->plane;
     (void)worker;
-    make_means(t, x, y, n, 0.0f, 0.0f, codes, step);
-    for (unsigned i = 0; i < n; i++)
-        kept[i] = codes[i * step + LULL_HEAD_BLEND];
+    make_means(t, x, y, n, 0.0f, 0.0f, codes, 0);
+    if (codes->step == 1)
+        memcpy(kept, blend, n);
+    else
+        for (unsigned i = 0; i < n; i++)
+            kept[i] = blend[i * codes->step];
     if (lull_graph_has_noise(&plan->model->graph, t->layer + 1))
         plan->model->kernels.noise(
             lull_exec_noise(plan, t->layer + 1, y, x), lull_exec_floats(plan, source, y, x),
@@ -375,7 +413,7 @@ static void make_bilateral(const lull_task *t, unsigned x, unsigned y, unsigned 
 void lull_exec_filter(const lull_task *t, unsigned x, unsigned y, unsigned n, unsigned worker)
 {
     static void (*const by_codes[])(const lull_task *, unsigned, unsigned, unsigned,
-                                    const uint8_t *, size_t, unsigned) = {
+                                    const lull_codes *, unsigned) = {
         [LULL_OP_SMOOTH] = make_smooth, [LULL_OP_DEMODULATE] = make_demodulated,
         [LULL_OP_POOL] = make_pooled,   [LULL_OP_FILTER] = make_filtered,
         [LULL_OP_FACE] = make_facing,   [LULL_OP_ENCODE] = NULL};
@@ -389,9 +427,8 @@ void lull_exec_filter(const lull_task *t, unsigned x, unsigned y, unsigned n, un
     const lull_layer *layer = &t->plan->model->graph.layer[t->layer];
     if (by_codes[layer->op]) { /* those of the last head that it reads */
         unsigned head = layer->op == LULL_OP_DEMODULATE ? layer->source[2] : layer->source[1];
-        const uint8_t *codes =
-            part_at(t, head, x, y, worker) - t->plan->model->graph.layer[head - 1].first;
-        by_codes[layer->op](t, x, y, n, codes, t->plan->ring[head].channels, worker);
+        lull_codes codes = codes_of(t, head, x, y, n, worker);
+        by_codes[layer->op](t, x, y, n, &codes, worker);
     } else {
         make[layer->op](t, x, y, n, worker);
     }

@@ -44,6 +44,10 @@ typedef struct lull_segment {
  * conv_int3: the same for exactly three outputs, with B = 1, which is what integer layers of three
  * outputs are packed for, unless the table has splits_wide.
  *
+ * head: the same over one segment of 2 or LULL_HEAD_RUN dwords that fits_words, without `start`, to
+ * at most LULL_HEAD_CODES planes of bytes: to out[o * out_step + p]. Exactly `pixels` bytes of
+ * every plane are written.
+ *
  * points_int: out[p * out_step + o] = sum over k of row[p * step + k] * weight[o][k], modulo 2^32,
  * over one segment of int16 points: two of them, and two int16 weights, are a dword; `length` and
  * `step` count dwords. B is block_int; there is no bias.
@@ -77,8 +81,11 @@ typedef struct lull_conv {
  * `plane` floats apart; images are interleaved, 3 floats a pixel.
  * `table`: E(q); table[q] is the rounded product table[q | 15] * table[q | 240].
  *
+ * Code k of pixel p of a head is codes[k * code_plane + p * code_step]; code_plane is 1, or, where
+ * the table has in_planes, code_step.
+ *
  * filter5: with S[c] = sum over k = 0..24, in that order, of
- *     table[codes[p * code_step + k]] * rows[k / 5][c * plane + p + k % 5 - 2],
+ *     table[code k of pixel p] * rows[k / 5][c * plane + p + k % 5 - 2],
  *     out[c * out_plane + p] = S[0] > 0 ? S[c + 1] (1 / S[0]) + more : none, for c = 0, 1, 2.
  *
  * lull_encoding: 3 floats a pixel as they are in the caller's image. Radiance counts as
@@ -101,8 +108,9 @@ typedef struct lull_conv {
  *     n(z) + 255) / 32, which for lack of a third do not tell normals apart that differ along
  *     (1,1,1); a(r) / 2 and (a(g) + a(b)) / 4. Zeros if both are NULL.
  *
- * demodulate: with C = table[codes[p * code_step + LULL_HEAD_CONFIDENCE]], planes (C, C (R
- *     share), ...), share being that of `smooth` (1, 1); smooth has 3 planes, smooth_plane apart.
+ * demodulate: with C = table[codes[p * code_step]], planes (C, C (R share), ...), share being that
+ *     of `smooth` (1, 1); smooth has 3 planes, smooth_plane apart. `codes` are those of confidence;
+ *     three bytes before each may be read if code_step is above 1.
  *
  * shrink: planes (C, C mean, ...), C as above; mean: the sum over the 2x2 pixels below of planes 1
  *     to 3 times 1 / that of plane 0, each ((above left + right) + below left) + right. Zeros where
@@ -134,14 +142,21 @@ typedef struct lull_encoding {
 } lull_encoding;
 
 /* Channels of a head after the 25 logits of the radiance kernel. */
-enum { LULL_HEAD_CONFIDENCE = 25, LULL_HEAD_BLEND = 26, LULL_HEAD_ALBEDO = 27 };
+enum {
+    LULL_HEAD_CONFIDENCE = 25,
+    LULL_HEAD_BLEND = 26,
+    LULL_HEAD_ALBEDO = 27,
+    LULL_HEAD_CODES = 52
+};
+
+#define LULL_HEAD_RUN 3u /* dwords: of longer runs `head` is not faster */
 
 typedef struct lull_window {
     float *out;
     const float *rows[5];
     size_t out_plane, plane; /* floats from plane to plane */
     const uint8_t *codes;
-    size_t code_step;
+    size_t code_step, code_plane;
     const float *table;
     float more, none;
     unsigned pixels;
@@ -186,6 +201,8 @@ typedef struct lull_kernels {
     unsigned halves_pay;  /* lull_cpu_halves_pay, likewise */
     unsigned has_halves;  /* 1: half a weight block costs conv_int half of a whole one */
     unsigned splits_wide; /* 1: conv_int multiplies the bytes of wide elements by themselves */
+    unsigned in_planes;   /* 1: heads that `head` can make are made by it, others by conv_int. Who
+                           * sets block_int, and has no head, sets this to 0 */
     unsigned patches_u;   /* LULL_PATCHES_... of networks of family U */
     unsigned patches_k;   /* ... and of family K, whose layers have fewer channels */
 #define KERNEL(name, parameters, tolerance, purpose) void(*name) parameters;

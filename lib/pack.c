@@ -240,6 +240,7 @@ static lull_status check_integer(lull_packed_layer *packed, const lull_graph *gr
     int64_t most = 0;
     lull_layer_tensors tensors;
     int32_t shift;
+    unsigned run; /* of a head */
     if (!lull_layer_is_conv(layer))
         return LULL_OK;
     lull_graph_tensors(&tensors, layer, tza);
@@ -261,6 +262,9 @@ static lull_status check_integer(lull_packed_layer *packed, const lull_graph *gr
     }
     packed->is_small = most <= 1 << 24;
     packed->fits_words &= packed->is_small;
+    run = lull_pack_length(LULL_DTYPE_U8, lull_layer_inputs(graph, layer, 0));
+    packed->in_planes = kernels->in_planes && layer->op == LULL_OP_HEAD && packed->fits_words &&
+                        run >= 2 && run <= LULL_HEAD_RUN;
     return LULL_OK;
 }
 

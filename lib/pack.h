@@ -24,6 +24,7 @@ typedef struct lull_packed_layer {
     size_t patches[2];                /* weights of patches of each source; 0: not there */
     unsigned wide_shift;
     int is_small, fits_words; /* lull_conv's */
+    int in_planes;            /* 1: a head that the kernel `head` makes */
     unsigned has_pairs; /* 1: a call makes pixels x and x + 1 as if the second one's outputs were
                          * more of the first one's, from runs of one more column; the blocks of a
                          * source that is upsampled are those of the phases of even x */

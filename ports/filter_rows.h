@@ -20,6 +20,8 @@
  *   tables, tables_init(&t, table), weights(&t, q)
  *                                   table values of the lowest bytes of q
  *   codes_at(q, step, n)            the dword at q + i * step in lane i < n
+ *   TAKES_PLANES                    optional: codes of heads may be in planes; and
+ *   codes_from(q, n)                q[i] in lane i < n
  *   look_up(table, q, n)            table[q[i]] in lane i < n
  *   put_pairs(p, q, n)              the lowest two bytes of the first n lanes of q
  *   NAME(op)                        lull_<op>_<isa>
@@ -233,8 +235,12 @@ LULL_INLINE void demodulate_block(float *out, size_t plane, const lull_encoding 
 }
 
 /* Confidence codes of n pixels from pixel p on. */
-#define CONFIDENCE(n)                                                                              \
-    shift_right(codes_at(codes + p * code_step + LULL_HEAD_CONFIDENCE - 3, code_step, n), 24)
+#define APART(n) shift_right(codes_at(codes + p * code_step - 3, code_step, n), 24)
+#if defined(TAKES_PLANES)
+#define CONFIDENCE(n) (code_step == 1 ? codes_from(codes + p, n) : APART(n))
+#else
+#define CONFIDENCE(n) APART(n)
+#endif
 
 void NAME(demodulate)(float *out, size_t plane, const lull_encoding *from, const float *smooth,
                       size_t smooth_plane, const uint8_t *codes, size_t code_step,

@@ -26,7 +26,7 @@ PORT_AVX2_ARCH := x86
 PORT_AVX2_FLAGS := -mavx2 -mfma
 PORT_AVX2_SOURCES := ports/x86/port_avx2.c ports/x86/conv_f32_avx2.c ports/x86/conv_int_avx2.c \
                      ports/x86/pool_avx2.c ports/x86/filter_avx2.c \
-                     ports/x86/winograd_avx2.c ports/x86/patches_avx2.c ports/x86/conv_points_avx2.c ports/x86/curves_avx2.c
+                     ports/x86/winograd_avx2.c ports/x86/patches_avx2.c ports/x86/conv_points_avx2.c ports/x86/head_avx2.c ports/x86/curves_avx2.c
 
 PORT_AVX512_ARCH := x86
 PORT_AVX512_FLAGS := -mavx512f -mavx512bw -mavx512vl -mavx512dq -mfma -mprefer-vector-width=512

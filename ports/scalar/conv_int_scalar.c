@@ -47,6 +47,18 @@ void lull_conv_int_scalar(const lull_conv *conv)
             pixel(conv, block, p);
 }
 
+void lull_head_scalar(const lull_conv *conv)
+{
+    for (unsigned o = 0; o < conv->outputs; o++)
+        for (unsigned p = 0; p < conv->pixels; p++) {
+            int32_t sum[B] = {0};
+            add_narrow(sum, &conv->segment[0], o / B, p);
+            lull_store_scalar(conv->out, o * conv->out_step + p,
+                              sum[o % B] + ((const int32_t *)conv->bias)[o], conv->multiplier[o],
+                              conv->out_max);
+        }
+}
+
 /* ---- Three outputs: loops over the elements of a run, which compilers make vectors of */
 
 static int32_t dot_wide(const uint16_t *x, const int16_t *w, size_t n)

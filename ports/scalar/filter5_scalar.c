@@ -7,8 +7,8 @@ void lull_filter5_scalar(const lull_window *window)
         float sum[4] = {0};
         for (unsigned y = 0; y < 5; y++) {
             const float *v = window->rows[y] + (ptrdiff_t)p - 2;
-            for (unsigned x = 0; x < 5; x++, v++) {
-                float w = window->table[*q++];
+            for (unsigned x = 0; x < 5; x++, v++, q += window->code_plane) {
+                float w = window->table[*q];
                 for (size_t c = 0; c < 4; c++)
                     sum[c] += w * v[c * window->plane];
             }

@@ -74,7 +74,7 @@ void lull_demodulate_scalar(float *out, size_t plane, const lull_encoding *from,
                             size_t code_step, const float *table, unsigned pixels)
 {
     for (size_t i = 0; i < pixels; i++) {
-        float confidence = table[codes[i * code_step + LULL_HEAD_CONFIDENCE]], share[3];
+        float confidence = table[codes[i * code_step]], share[3];
         for (size_t c = 0; c < 3; c++)
             share[c] = smooth[c * smooth_plane + i];
         lull_shares(share, 1.0f, 1.0f);
@@ -91,7 +91,7 @@ void lull_shrink_scalar(float *out, size_t out_plane, const float *above, const 
     for (size_t i = 0; i < pixels; i++) {
         const float *a = above + 2 * i, *b = below + 2 * i;
         float weight = ((a[0] + a[1]) + b[0]) + b[1];
-        float confidence = table[codes[i * code_step + LULL_HEAD_CONFIDENCE]];
+        float confidence = table[codes[i * code_step]];
         out[i] = weight > 0.0f ? confidence : 0.0f;
         for (size_t c = 1; c < 4; c++) {
             float sum = ((a[c * plane] + a[c * plane + 1]) + b[c * plane]) + b[c * plane + 1];

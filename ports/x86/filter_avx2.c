@@ -141,6 +141,17 @@ LULL_INLINE ivec codes_at(const uint8_t *q, size_t step, unsigned n)
 #undef CODE
 }
 
+#define TAKES_PLANES
+LULL_INLINE ivec codes_from(const uint8_t *q, unsigned n)
+{
+    uint8_t part[LANES] = {0};
+    if (n < LANES) {
+        memcpy(part, q, n);
+        q = part;
+    }
+    return _mm256_cvtepu8_epi32(_mm_loadl_epi64((const __m128i *)(const void *)q));
+}
+
 LULL_INLINE vec look_up(const float *table, const uint8_t *q, unsigned n)
 {
 #define VALUE(i) table[q[lull_min_u(i, n - 1)]]
@@ -164,12 +175,7 @@ LULL_INLINE ivec high64(ivec a, ivec b) { return _mm256_unpackhi_epi64(a, b); }
 
 LULL_INLINE vec bytes(const uint8_t *p, unsigned n)
 {
-    uint8_t part[LANES] = {0};
-    if (n < LANES) {
-        memcpy(part, p, n);
-        p = part;
-    }
-    return number(_mm256_cvtepu8_epi32(_mm_loadl_epi64((const __m128i *)(const void *)p)));
+    return number(codes_from(p, n));
 }
 
 LULL_INLINE void put_bytes(uint8_t *p, ivec q, unsigned n)

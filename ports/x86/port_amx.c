@@ -5,6 +5,7 @@ void lull_port_amx(lull_kernels *kernels)
 {
 #if LULL_HAS_TILES
     kernels->block_int = 16;
+    kernels->in_planes = 0;
     kernels->has_halves = 0;
     kernels->splits_wide = 1;
     kernels->patches_u = LULL_PATCHES_NONE; /* tiles multiply bytes only */

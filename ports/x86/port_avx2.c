@@ -11,6 +11,8 @@ void lull_port_avx2(lull_kernels *kernels)
     kernels->pool_f32 = lull_pool_f32_avx2;
     kernels->conv_int = lull_conv_int_avx2;
     kernels->conv_int3 = lull_conv_int3_avx2;
+    kernels->in_planes = 1;
+    kernels->head = lull_head_avx2;
     kernels->patches_u = LULL_PATCHES_UP;
     kernels->patches_k = LULL_PATCHES_OWN;
     kernels->patches_in = lull_patches_in_avx2;

@@ -5,6 +5,7 @@ void lull_port_avx512(lull_kernels *kernels)
 {
     kernels->block_f32 = 16;
     kernels->block_int = 16;
+    kernels->in_planes = 0;
     kernels->conv_f32 = lull_conv_f32_avx512;
     kernels->winograd_in = lull_winograd_in_avx512;
     kernels->winograd_out = lull_winograd_out_avx512;

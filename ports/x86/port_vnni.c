@@ -4,6 +4,7 @@
 void lull_port_vnni(lull_kernels *kernels)
 {
     kernels->block_int = 16;
+    kernels->in_planes = 0;
     kernels->has_halves = kernels->halves_pay;
     kernels->conv_int = kernels->has_halves ? lull_conv_int_vnni_halves : lull_conv_int_vnni;
     kernels->conv_int3 = lull_conv_int3_vnni;

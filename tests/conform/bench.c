@@ -362,16 +362,13 @@ static void run_patches_out(const lull_kernels *k)
 
 static void run_filter5(const lull_kernels *k)
 {
-    lull_window window = {0};
+    lull_window window = {.out = floats, .out_plane = PLANE, .plane = PLANE, .pixels = PIXELS};
     for (unsigned y = 0; y < 5; y++)
         window.rows[y] = floats + (8 + 8 * y) * PIXELS;
-    window.out = floats;
-    window.out_plane = PLANE;
-    window.plane = PLANE;
     window.codes = bytes;
-    window.code_step = CODE_STEP;
+    window.code_step = k->in_planes ? 1 : CODE_STEP;
+    window.code_plane = k->in_planes ? PIXELS : 1;
     window.table = floats + 256 * PIXELS;
-    window.pixels = PIXELS;
     k->filter5(&window);
 }
 
@@ -384,14 +381,14 @@ static void run_encode(const lull_kernels *k)
 static void run_demodulate(const lull_kernels *k)
 {
     lull_encoding from = {floats + 64 * PIXELS, NULL, NULL, 1.0f, 65504.0f, 0};
-    k->demodulate(floats, PLANE, &from, floats + 128 * PIXELS, PLANE, bytes, CODE_STEP,
+    k->demodulate(floats, PLANE, &from, floats + 128 * PIXELS, PLANE, bytes + 8, CODE_STEP,
                   floats + 256 * PIXELS, PIXELS);
 }
 
 static void run_shrink(const lull_kernels *k)
 {
-    k->shrink(floats, PLANE, floats + 64 * PIXELS, floats + 128 * PIXELS, PLANE, bytes, CODE_STEP,
-              floats + 256 * PIXELS, PIXELS);
+    k->shrink(floats, PLANE, floats + 64 * PIXELS, floats + 128 * PIXELS, PLANE, bytes + 8,
+              CODE_STEP, floats + 256 * PIXELS, PIXELS);
 }
 
 static void run_blend(const lull_kernels *k)

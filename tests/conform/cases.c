@@ -17,6 +17,8 @@ float cases_weight(unsigned s, unsigned o, unsigned e)
 
 static float unit(void) { return (float)guard_between(-1000000, 1000000) * 1e-6f; }
 
+static int has_words(cases_kind kind) { return kind == CASES_WORDS || kind == CASES_HEAD; }
+
 /* Value of the pattern between low and high at place i. */
 static int32_t pick(cases_pattern pattern, unsigned i, int32_t low, int32_t high)
 {
@@ -152,7 +154,7 @@ static void make_int_scales(cases_conv *c, cases_pattern pattern, cases_kind kin
     lull_conv *conv = &c->conv;
     int is_layer = kind != CASES_ANY, may_be_small = is_layer || guard_below(4) != 0;
     conv->is_small = may_be_small;
-    conv->fits_words = kind == CASES_WORDS;
+    conv->fits_words = has_words(kind);
     for (unsigned o = 0; o < conv->outputs; o++) {
         double wide = 0, narrow = 0, negative = 0, room;
         for (unsigned s = 0; s < conv->segments; s++)
@@ -170,7 +172,7 @@ static void make_int_scales(cases_conv *c, cases_pattern pattern, cases_kind kin
                             : pick(pattern, o, 0, (1 << 30) - 1);
         if (is_layer) /* results in the middle of their range */
             multiplier[o] = (int32_t)fmin(1 << 30, (1 << 11) * 1048576.0 / (narrow + 1));
-        if (kind == CASES_WORDS) { /* all sums, whatever their sign, in different results */
+        if (has_words(kind)) { /* all sums, whatever their sign, in different results */
             int_bias[o] = (int32_t)(255 * negative);
             multiplier[o] = (int32_t)fmin((1 << 30) - 1, (1 << 11) * 1048576.0 / (narrow + 1) *
                                                              (conv->out_max > 255 ? 100 : 1));
@@ -192,7 +194,7 @@ static void fill_row(const cases_conv *c, cases_pattern pattern, unsigned s, voi
                      cases_kind kind)
 {
     int is_wide = s < c->conv.wide;
-    if (kind == CASES_WORDS && pattern != CASES_RANDOM)
+    if (has_words(kind) && pattern != CASES_RANDOM)
         pattern = CASES_MAX;
     for (size_t i = 0; i < n; i++) {
         int32_t high = is_wide ? 32767 : 255;
@@ -220,10 +222,12 @@ static void make_segment(cases_conv *c, cases_pattern pattern, unsigned s, cases
     segment->step = 1 + guard_below(2 * group * segment->length);
     c->elements[s] = group * segment->length - guard_below(group);
     if (is_layer || guard_below(2)) { /* 1 to 3 columns, the next pixel one or two on */
-        unsigned columns = kind == CASES_LAYER   ? 2 + guard_below(2)
-                           : kind == CASES_WORDS ? 1 + guard_below(4)
-                                                 : 1 + guard_below(3);
+        unsigned columns = kind == CASES_LAYER ? 2 + guard_below(2)
+                           : has_words(kind)   ? 1 + guard_below(4)
+                                               : 1 + guard_below(3);
         unsigned channels = group * (1 + guard_below(12));
+        if (kind == CASES_HEAD)
+            columns = 1, channels = group * (2 + guard_below(LULL_HEAD_RUN - 1));
         segment->length = columns * channels / group;
         segment->step = columns == 3 && guard_below(2) ? 2 * channels : channels;
         c->elements[s] = columns * channels;
@@ -241,7 +245,6 @@ static void make_segment(cases_conv *c, cases_pattern pattern, unsigned s, cases
 void cases_make(cases_conv *c, int is_integer, cases_pattern pattern, unsigned outputs,
                 unsigned pixels, cases_kind kind)
 {
-    int is_layer = kind != CASES_ANY;
     static const int32_t maxima[] = {255, 255, 255, 100, 32767, 32767, 256, 1000};
     lull_conv *conv = &c->conv;
     memset(c, 0, sizeof *c);
@@ -249,16 +252,16 @@ void cases_make(cases_conv *c, int is_integer, cases_pattern pattern, unsigned o
     c->at_end = guard_below(2) != 0;
     conv->outputs = outputs;
     conv->pixels = pixels;
-    conv->segments = 1 + guard_below(LULL_MAX_SEGMENTS);
+    conv->segments = kind == CASES_HEAD ? 1 : 1 + guard_below(LULL_MAX_SEGMENTS);
     conv->out_step = outputs + (guard_below(2) ? guard_below(2 * outputs) : 0);
     if (is_integer) {
-        conv->wide = !is_layer && guard_below(3) ? guard_below(conv->segments + 1) : 0;
+        conv->wide = kind == CASES_ANY && guard_below(3) ? guard_below(conv->segments + 1) : 0;
         conv->wide_shift = guard_below(2) ? guard_below(16) : 0;
-        conv->out_max = maxima[guard_below(kind == CASES_LAYER ? 4 : 8)];
+        conv->out_max = maxima[guard_below(kind == CASES_LAYER || kind == CASES_HEAD ? 4 : 8)];
     }
     for (unsigned s = 0; s < conv->segments; s++)
         make_segment(c, pattern, s, kind);
-    for (unsigned s = 0; kind == CASES_WORDS && s < conv->segments; s++)
+    for (unsigned s = 0; has_words(kind) && s < conv->segments; s++)
         make_word_weights(c, pattern, s);
     if (is_integer)
         make_int_scales(c, pattern, kind);

@@ -21,9 +21,10 @@ extern const char *const cases_names[CASES_PATTERNS];
 typedef enum cases_kind {
     CASES_ANY,
     CASES_LAYER, /* integers: narrow, small sums of runs of 2 or 3 columns, as most layers are */
-    CASES_WORDS  /* the same of 1 to 4 columns, whose runs fit words; if not random, weights are at
+    CASES_WORDS, /* the same of 1 to 4 columns, whose runs fit words; if not random, weights are at
                   * the bounds and codes 255: min and max on one pair of taps, alternating of one
                   * sign first and then of the other, pairs spread over all */
+    CASES_HEAD   /* the same of one run of 2 to LULL_HEAD_RUN dwords, outputs of bytes */
 } cases_kind;
 
 #define CASES_MAX_OUTPUTS 200u

@@ -160,6 +160,42 @@ static void conv_int3_cases(void)
 }
 static void conv_f32_cases(void) { conv_cases(0); }
 
+static void head_case(unsigned outputs, unsigned pixels)
+{
+    cases_conv c;
+    uint8_t *out;
+    size_t bytes;
+    int mode;
+    cases_make(&c, 1, now.pattern, outputs, pixels, CASES_HEAD);
+    cases_define(&c, value, size);
+    cases_pack(&c, now.port->block_int, 0);
+    c.conv.out_step = pixels + guard_below(10);
+    bytes = (outputs - 1) * c.conv.out_step + pixels;
+    out = c.conv.out = guard_place(GUARD_OUT, bytes, c.at_end);
+    memcpy(out, before, bytes);
+    memcpy(expected, before, bytes);
+    for (size_t o = 0; o < outputs; o++)
+        for (size_t p = 0; p < pixels; p++)
+            expected[o * c.conv.out_step + p] = (uint8_t)value[p * outputs + o];
+    mode = caller_rounds();
+    now.port->head(&c.conv);
+    caller_goes_on(mode);
+    now.cases++;
+    if (!CHECK(memcmp(out, expected, bytes) == 0))
+        printf("  with %u outputs, %u pixels, runs of %u dwords\n", outputs, pixels,
+               (unsigned)c.conv.segment[0].length);
+}
+
+static void head_cases(void)
+{
+    for (unsigned round = 0; round < ROUNDS; round++) {
+        for (unsigned pixels = 1; pixels <= MAX_PIXELS; pixels++)
+            head_case(1 + guard_below(LULL_HEAD_CODES), pixels);
+        for (unsigned outputs = 1; outputs <= LULL_HEAD_CODES; outputs++)
+            head_case(outputs, 1 + guard_below(MAX_PIXELS));
+    }
+}
+
 /* Runs one pattern of a slot as a counted test and prints its line. */
 static void counted(const char *port, const char *slot, cases_pattern pattern, void (*test)(void))
 {

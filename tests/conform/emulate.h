@@ -33,6 +33,7 @@
 #define lull_conv_f32_avx2 emulated_conv_f32_avx2
 #define lull_conv_int_avx2 emulated_conv_int_avx2
 #define lull_conv_int3_avx2 emulated_conv_int3_avx2
+#define lull_head_avx2 emulated_head_avx2
 #define lull_winograd_in_avx2 emulated_winograd_in_avx2
 #define lull_winograd_out_avx2 emulated_winograd_out_avx2
 #define lull_patches_in_avx2 emulated_patches_in_avx2

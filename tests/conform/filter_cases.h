@@ -18,11 +18,13 @@ static void make_table(float *table)
 /* Planes lie further apart than they are long, by a number that is not a multiple of anything. */
 #define GAP 5u
 
-static void filter5_case(unsigned pixels, unsigned code_step)
+/* code_step: 1 for codes in planes. */
+static void filter5_case(unsigned pixels, size_t code_step)
 {
     int at_end = guard_below(2) != 0;
     size_t plane = pixels + 4 + GAP, out_plane = pixels + GAP;
-    size_t codes_bytes = (size_t)(pixels - 1) * code_step + 25;
+    size_t code_plane = code_step == 1 ? pixels + GAP : 1;
+    size_t codes_bytes = (pixels - 1) * code_step + 24 * code_plane + 1;
     float *out = guard_place(GUARD_OUT, (2 * out_plane + pixels) * sizeof *out, at_end);
     float *table = guard_place(GUARD_WEIGHTS, 256 * sizeof *table, at_end);
     uint8_t *codes = guard_place(GUARD_BIAS, codes_bytes, at_end);
@@ -43,6 +45,7 @@ static void filter5_case(unsigned pixels, unsigned code_step)
     window.plane = plane;
     window.codes = codes;
     window.code_step = code_step;
+    window.code_plane = code_plane;
     window.table = table;
     window.more = guard_below(2) ? 0.02f : 0.0f;
     window.none = guard_below(2) ? 1.0f : 0.0f;
@@ -53,8 +56,8 @@ static void filter5_case(unsigned pixels, unsigned code_step)
         volatile float sum[4] = {0, 0, 0, 0}, product;
         for (unsigned c = 0; c < 4; c++)
             for (unsigned k = 0; k < 25; k++) {
-                product =
-                    table[codes[p * code_step + k]] * window.rows[k / 5][c * plane + p + k % 5 - 2];
+                product = table[codes[p * code_step + k * code_plane]] *
+                          window.rows[k / 5][c * plane + p + k % 5 - 2];
                 sum[c] = sum[c] + product;
             }
         for (unsigned c = 0; c < 3; c++) {
@@ -70,13 +73,18 @@ static void filter5_case(unsigned pixels, unsigned code_step)
     now.port->filter5(&window);
     now.cases++;
     if (!CHECK(memcmp(out, expected, (2 * out_plane + pixels) * sizeof *out) == 0))
-        printf("  with %u pixels, code step %u\n", pixels, code_step);
+        printf("  with %u pixels, code step %u\n", pixels, (unsigned)code_step);
 }
+
+/* 1 if the port's kernels take codes in planes, too. */
+static int takes_planes(void) { return now.is_scalar || now.port->in_planes; }
 
 static void filter5_cases(void)
 {
     for (unsigned pixels = 1; pixels <= 40; pixels++)
         filter5_case(pixels, pixels & 1 ? 27 : 52);
+    for (unsigned pixels = 1; takes_planes() && pixels <= 40; pixels++)
+        filter5_case(pixels, 1);
 }
 
 /* n floats in a guarded place: from 0 to `high`; the pattern may make all the same. */
@@ -343,10 +351,12 @@ static float share_of(const float *v, size_t plane, size_t k)
     return others * share;
 }
 
-static void demodulate_case(unsigned pixels)
+static void demodulate_case(unsigned pixels, size_t code_step)
 {
     int at_end = guard_below(2) != 0;
-    size_t codes_bytes = (size_t)(pixels - 1) * 27 + 26, smooth_plane = pixels + 3, plane, bytes;
+    size_t before_it = code_step > 1 ? LULL_HEAD_CONFIDENCE : 0;
+    size_t codes_bytes = (pixels - 1) * code_step + before_it + 1;
+    size_t smooth_plane = pixels + 3, plane, bytes;
     float *radiance = make_floats(GUARD_ROW, 3 * pixels, 0.0f, 70000.0f, at_end);
     float *smooth = make_floats(GUARD_ROW + 1, 2 * smooth_plane + pixels, 0.02f, 1.02f, at_end);
     float *table = guard_place(GUARD_WEIGHTS, 256 * sizeof *table, at_end);
@@ -360,7 +370,7 @@ static void demodulate_case(unsigned pixels)
     for (size_t i = 0; i < codes_bytes; i++)
         codes[i] = (uint8_t)guard_below(256);
     for (size_t i = 0; i < pixels; i++) { /* the definition */
-        volatile float c = table[codes[27 * i + LULL_HEAD_CONFIDENCE]];
+        volatile float c = table[codes[code_step * i + before_it]];
         expect(i, c);
         for (size_t k = 0; k < 3; k++) {
             volatile float r = sane_value(radiance[3 * i + k], from.scale, 0.0f, from.most);
@@ -368,20 +378,25 @@ static void demodulate_case(unsigned pixels)
             expect((1 + k) * plane + i, c * r);
         }
     }
-    now.port->demodulate(out, plane, &from, smooth, smooth_plane, codes, 27, table, pixels);
+    now.port->demodulate(out, plane, &from, smooth, smooth_plane, codes + before_it, code_step,
+                         table, pixels);
     same_bytes(out, bytes, "demodulate", pixels);
 }
 
 static void demodulate_cases(void)
 {
     for (unsigned pixels = 1; pixels <= 40; pixels++)
-        demodulate_case(pixels);
+        demodulate_case(pixels, 27);
+    for (unsigned pixels = 1; takes_planes() && pixels <= 40; pixels++)
+        demodulate_case(pixels, 1);
 }
 
-static void shrink_case(unsigned pixels)
+static void shrink_case(unsigned pixels, size_t code_step)
 {
     int at_end = guard_below(2) != 0;
-    size_t codes_bytes = (size_t)(pixels - 1) * 27 + 26, fine = 2 * pixels + 3, plane, bytes;
+    size_t before_it = code_step > 1 ? LULL_HEAD_CONFIDENCE : 0;
+    size_t codes_bytes = (pixels - 1) * code_step + before_it + 1;
+    size_t fine = 2 * pixels + 3, plane, bytes;
     float *rows[2], *table = guard_place(GUARD_WEIGHTS, 256 * sizeof *table, at_end);
     uint8_t *codes = guard_place(GUARD_BIAS, codes_bytes, at_end);
     float *out = place_planes(4, pixels, &plane, &bytes, at_end);
@@ -396,7 +411,7 @@ static void shrink_case(unsigned pixels)
         codes[i] = (uint8_t)guard_below(256);
     for (size_t i = 0; i < pixels; i++) /* the definition */
         for (size_t k = 0; k < 4; k++) {
-            volatile float confidence = table[codes[27 * i + LULL_HEAD_CONFIDENCE]];
+            volatile float confidence = table[codes[code_step * i + before_it]];
             volatile float weight = rows[0][2 * i], sum = rows[0][k * fine + 2 * i];
             volatile float share;
             weight = weight + rows[0][2 * i + 1];
@@ -409,14 +424,17 @@ static void shrink_case(unsigned pixels)
             sum = sum * share;
             expect(k * plane + i, !(weight > 0.0f) ? 0.0f : k ? confidence * sum : confidence);
         }
-    now.port->shrink(out, plane, rows[0], rows[1], fine, codes, 27, table, pixels);
+    now.port->shrink(out, plane, rows[0], rows[1], fine, codes + before_it, code_step, table,
+                     pixels);
     same_bytes(out, bytes, "shrink", pixels);
 }
 
 static void shrink_cases(void)
 {
     for (unsigned pixels = 1; pixels <= 40; pixels++)
-        shrink_case(pixels);
+        shrink_case(pixels, 27);
+    for (unsigned pixels = 1; takes_planes() && pixels <= 40; pixels++)
+        shrink_case(pixels, 1);
 }
 
 static void blend_case(unsigned pairs)

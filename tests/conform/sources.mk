@@ -11,6 +11,7 @@ TEST_conform_emulated_SOURCES := tests/conform/emulate_main.c tests/conform/conf
                                  tests/conform/emulate_conv_f32_avx512.c \
                                  tests/conform/emulate_conv_int_avx512.c \
                                  tests/conform/emulate_filter_avx2.c \
+                                 tests/conform/emulate_head_avx2.c \
                                  tests/conform/emulate_winograd_avx2.c \
                                  tests/conform/emulate_winograd_avx512.c \
                                  tests/conform/emulate_patches_avx2.c \

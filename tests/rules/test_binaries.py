@@ -18,7 +18,7 @@ MEMORY = {"memcpy", "memmove", "memset", "memcmp"}
 RUNTIME = re.compile(r"^(__(aeabi|gnu|u?div|u?mod|float|fix|mul|add|sub|cmp|lt|gt|le|ge|eq|ne|ash|"
                      r"lsh|extend|trunc|clz|ctz|popcount|bswap|cpu_)\w*|_GLOBAL_OFFSET_TABLE_)$")
 STACK_LIMIT = 1024  # bytes of one function of lib/ and ports/
-SIZE_LIMIT = 1_590_000  # bytes of the stripped shared library, weights included
+SIZE_LIMIT = 1_592_000  # bytes of the stripped shared library, weights included
 
 
 def tool(name: str) -> str:
